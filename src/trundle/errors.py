@@ -1,0 +1,169 @@
+"""Everything Trundle raises, as one tree.
+
+    TrundleError
+    ├── ConfigError (ValueError)          a robot description that cannot be
+    │   └── Singular                      ... because its wheels cannot observe it
+    ├── InputError (ValueError)           a call that was given something it cannot use
+    │   └── ShapeError                    ... of the wrong length or shape
+    ├── Unobservable (ArithmeticError)    these readings do not determine the answer
+    │   └── Singular
+    ├── Infeasible (ValueError)           the robot cannot move like that
+    ├── LogError (ValueError)             a file that cannot be read as a log
+    │   ├── LogTruncated (EOFError)       it ends too early
+    │   ├── LogCorrupt                    its bytes contradict themselves
+    │   ├── LogLimit                      reading it would take more than it may
+    │   └── LogSchema (LookupError)       it does not hold what was asked for
+    ├── OutputError (OSError)             a result that could not be written
+    └── MissingExtra (ImportError)        an optional package is not installed
+
+Every message says what was wanted, what came, what is allowed, and where.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+
+__all__ = [
+    "ConfigError",
+    "Infeasible",
+    "InputError",
+    "LogCorrupt",
+    "LogError",
+    "LogLimit",
+    "LogSchema",
+    "LogTruncated",
+    "MissingExtra",
+    "OutputError",
+    "ShapeError",
+    "Singular",
+    "TrundleError",
+    "Unobservable",
+    "did_you_mean",
+    "require_finite",
+    "require_positive",
+]
+
+
+class TrundleError(Exception):
+    """Base of everything that Trundle raises on purpose."""
+
+
+class ConfigError(TrundleError, ValueError):
+    """A description that cannot be true of a robot.
+
+    Attributes:
+        field: Dotted path of the value, e.g. `drive.wheel_radius`.
+        problem: What came and what is allowed.
+        source: File that holds it, empty where there is none.
+    """
+
+    def __init__(self, field: str, problem: str, *, source: str = "") -> None:
+        self.field = field
+        self.problem = problem
+        self.source = source
+        super().__init__(": ".join(part for part in (source, field, problem) if part))
+
+    def inside(self, path: str, *, source: str = "") -> ConfigError:
+        """The same error, seen from the document that holds the field."""
+        field = ".".join(part for part in (path, self.field) if part)
+        return type(self)(field, self.problem, source=source or self.source)
+
+
+class InputError(TrundleError, ValueError):
+    """A call that was given something it cannot use."""
+
+
+class ShapeError(InputError):
+    """A sequence or array of the wrong length or shape."""
+
+
+class Unobservable(TrundleError, ArithmeticError):
+    """The readings, however exact, do not determine the answer."""
+
+
+class Singular(ConfigError, Unobservable):
+    """A drive whose wheels can never observe how the robot moves."""
+
+
+class Infeasible(TrundleError, ValueError):
+    """A motion that the robot cannot make."""
+
+
+class LogError(TrundleError, ValueError):
+    """A file that cannot be read as a log.
+
+    Attributes:
+        source: The file.
+        reason: One word for programs: `empty`, `not_a_file`, `format`, `unit`, ...
+    """
+
+    def __init__(self, source: object, reason: str, problem: str) -> None:
+        self.source = str(source)
+        self.reason = reason
+        self.problem = problem
+        super().__init__(f"{self.source}: {problem} [{reason}]")
+
+
+class LogTruncated(LogError, EOFError):
+    """A log that ends before it should."""
+
+
+class LogCorrupt(LogError):
+    """A log whose bytes contradict themselves."""
+
+
+class LogLimit(LogError):
+    """A log that would take more memory or time than it may."""
+
+
+class LogSchema(LogError, LookupError):
+    """A log that does not hold what was asked for."""
+
+
+class OutputError(TrundleError, OSError):
+    """A result that could not be written. The old file is untouched."""
+
+
+class MissingExtra(TrundleError, ImportError):
+    """An optional package is not installed.
+
+    Attributes:
+        extra: The extra that brings it.
+    """
+
+    def __init__(self, package: str, extra: str) -> None:
+        self.extra = extra
+        super().__init__(f"{package} is not installed; get it with: pip install 'trundle[{extra}]'")
+
+
+def require_finite(field: str, value: float) -> float:
+    """The value as a float, or a ConfigError that names the field.
+
+    Traced values (JAX, PyTorch) pass as they are: they have no number to check yet.
+    """
+    if isinstance(value, bool | str) or value is None:
+        raise ConfigError(field, f"{value!r}, must be a number")
+    if isinstance(value, float | int):
+        if not math.isfinite(value):
+            raise ConfigError(field, f"{value}, must be finite")
+        return float(value)
+    return value
+
+
+def require_positive(field: str, value: float) -> float:
+    """The value as a float, or a ConfigError unless it is finite and above zero."""
+    value = require_finite(field, value)
+    if isinstance(value, float) and value <= 0.0:
+        raise ConfigError(field, f"{value:g}, must be > 0")
+    return value
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """A hint with the nearest known words, and all of them where none is near."""
+    known = list(known)
+    near = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    if near:
+        return f"did you mean {near[0]!r}?"
+    return "known: " + ", ".join(known) if known else "none is known here"

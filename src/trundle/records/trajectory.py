@@ -1,0 +1,75 @@
+"""Poses over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trundle.geometry import Pose2D
+from trundle.records.columns import column, stamps
+
+__all__ = ["Trajectory"]
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Trajectory:
+    """Stamped poses of one frame in another, with what is known of their errors.
+
+    Attributes:
+        time_ns: Stamps [ns], int64, shape (N,).
+        poses: (x, y, theta) in [m, m, rad], shape (N, 3). Headings are not wrapped; a heading that
+            was not measured (an overhead camera that sees a dot) is NaN.
+        twists: Body twists (vx, vy, omega), shape (N, 3), or None.
+        covariances: Covariance of the body-frame error e in `true = estimate @ exp(e)`, order
+            (x, y, theta), shape (N, 3, 3), or None.
+        frame: Frame that the poses are given in.
+        child_frame: Frame whose poses they are.
+        rejected: Samples that were refused on the way here, by reason.
+        events: Things that happened on the way here (gaps, re-baselines, ...), by name.
+    """
+
+    time_ns: npt.NDArray[np.int64]
+    poses: Floats
+    twists: Floats | None = None
+    covariances: Floats | None = None
+    frame: str = "odom"
+    child_frame: str = "base_link"
+    rejected: Mapping[str, int] = field(default_factory=dict)
+    events: Mapping[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        put: Any = object.__setattr__
+        put(self, "time_ns", stamps("time_ns", self.time_ns))
+        count = len(self.time_ns)
+        put(self, "poses", column("poses", self.poses, (count, 3)))
+        if self.twists is not None:
+            put(self, "twists", column("twists", self.twists, (count, 3)))
+        if self.covariances is not None:
+            put(self, "covariances", column("covariances", self.covariances, (count, 3, 3)))
+        put(self, "rejected", MappingProxyType(dict(self.rejected)))
+        put(self, "events", MappingProxyType(dict(self.events)))
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last pose [s]."""
+        return float(self.time_ns[-1] - self.time_ns[0]) * 1e-9 if len(self) else 0.0
+
+    @property
+    def distance(self) -> float:
+        """Length of the path, as the sum of its chords [m]."""
+        steps = np.diff(self.poses[:, :2], axis=0)
+        return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+
+    def pose(self, index: int) -> Pose2D:
+        """One pose as a scalar value; negative indices count from the end."""
+        return Pose2D(*self.poses[index].tolist())

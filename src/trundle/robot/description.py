@@ -1,0 +1,133 @@
+"""A robot, described once: its drive, encoders, limits, noise, and how its logs say it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from trundle.errors import ConfigError, require_finite, require_positive
+from trundle.robot.kinematics import Kinematics
+from trundle.robot.log_mapping import LogMapping
+
+__all__ = ["Encoder", "Limits", "Noise", "Robot"]
+
+
+class Encoder(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How a wheel's rotation becomes counts.
+
+    Attributes:
+        ticks_per_revolution: Counts per turn of the wheel, gears and quadrature included.
+        bits: Width of the counter, which wraps; None if it never does.
+        inverted: It counts down when the robot drives forward.
+    """
+
+    ticks_per_revolution: float
+    bits: int | None = None
+    inverted: bool = False
+
+    def __post_init__(self) -> None:
+        require_positive("ticks_per_revolution", self.ticks_per_revolution)
+        if self.bits is not None and not 2 <= self.bits <= 64:
+            raise ConfigError("bits", f"{self.bits}, must be from 2 to 64")
+
+    @property
+    def radians_per_tick(self) -> float:
+        """Signed angle of the wheel per count [rad]."""
+        return (-math.tau if self.inverted else math.tau) / self.ticks_per_revolution
+
+
+class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the robot may do, SI units. None means no limit; only the timeout always has a value.
+
+    Attributes:
+        max_speed: Forward speed [m/s].
+        max_lateral_speed: Sideways speed [m/s].
+        max_yaw_rate: [rad/s].
+        max_acceleration: Speeding up [m/s^2].
+        max_deceleration: Slowing down [m/s^2]; the acceleration where it is not given.
+        max_yaw_acceleration: [rad/s^2].
+        max_jerk: [m/s^3].
+        max_wheel_speed: [rad/s].
+        max_steering: Greatest steering angle either way [rad].
+        command_timeout: A command older than this stops the robot [s].
+    """
+
+    max_speed: float | None = None
+    max_lateral_speed: float | None = None
+    max_yaw_rate: float | None = None
+    max_acceleration: float | None = None
+    max_deceleration: float | None = None
+    max_yaw_acceleration: float | None = None
+    max_jerk: float | None = None
+    max_wheel_speed: float | None = None
+    max_steering: float | None = None
+    command_timeout: float = 0.5
+
+    def __post_init__(self) -> None:
+        for field in self.__struct_fields__:
+            value = getattr(self, field)
+            if value is not None:
+                require_positive(field, value)
+        if self.max_steering is not None and self.max_steering > math.pi:
+            raise ConfigError("max_steering", f"{self.max_steering:g} rad, must be <= pi; degrees?")
+
+
+class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How far readings and assumptions are off, as standard deviations.
+
+    Attributes:
+        wheel_distance: Of the distance a wheel rolled, after one metre; it grows with the square
+            root of the distance [m per sqrt(m)].
+        lateral_slip: Of the sideways motion of the body that "no slip" denies, likewise
+            [m per sqrt(m)].
+        steering: Of a measured steering angle [rad].
+        gyro: Of a gyro's yaw rate, white [rad/s per sqrt(Hz)].
+    """
+
+    wheel_distance: float = 0.01
+    lateral_slip: float = 0.0
+    steering: float = 0.0
+    gyro: float = 0.001
+
+    def __post_init__(self) -> None:
+        for field in self.__struct_fields__:
+            if require_finite(field, getattr(self, field)) < 0.0:
+                raise ConfigError(field, f"{getattr(self, field):g}, must be >= 0")
+
+
+class Robot(msgspec.Struct, frozen=True, kw_only=True):
+    """A robot: nothing here is state, everything is description.
+
+    Attributes:
+        drive: The wheels that drive it, and which of them are measured.
+        name: For people.
+        encoders: By wheel name; a wheel without one is read in radians only.
+        limits: What commands may ask for.
+        noise: How far readings are off.
+        log: How its logs say what was measured.
+        localizer: Other wheels that measure in the drive's place, or None.
+    """
+
+    drive: Kinematics
+    name: str = "robot"
+    encoders: Mapping[str, Encoder] = {}
+    limits: Limits = Limits()
+    noise: Noise = Noise()
+    log: LogMapping = LogMapping()
+    localizer: Kinematics | None = None
+
+    @property
+    def measuring(self) -> Kinematics:
+        """The wheels whose readings say how the robot moved: the localizer, or the drive."""
+        return self.drive if self.localizer is None else self.localizer
+
+    def with_localizer(self, localizer: Kinematics | None) -> Robot:
+        """The same robot, measured by other wheels; the same wheels drive it."""
+        return self.replace(localizer=localizer)
+
+    def replace(self, **changes: Any) -> Robot:
+        """The same robot with other fields."""
+        return msgspec.structs.replace(self, **changes)
