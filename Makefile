@@ -1,0 +1,93 @@
+# Everything runs in environments inside the checkout; only Python 3.11 with venv, git and make are presumed.
+#
+#   make demo     install, and run the main job on a shipped example
+#   make test     install everything, lint, type-check, and run every test
+#   make check    ruff and mypy alone
+#   make bench    side-by-side speed figures
+#   make verify   the issues' full figures, into docs/verification.md
+#   make clean    remove what the others left
+
+.DEFAULT_GOAL := test
+.DELETE_ON_ERROR:
+MAKEFLAGS += --no-print-directory
+
+PYTHON ?= $(firstword $(foreach name,python3.11 python3 python,$(shell \
+	$(name) -c "import sys, venv; sys.exit(sys.version_info < (3, 11))" 2>/dev/null && echo $(name))))
+PIP_INSTALL = -m pip install -qq --no-compile --disable-pip-version-check
+PYTEST = -m pytest
+REPORT ?= docs/verification.md
+
+# ---------------------------------------------------------------- environments
+# The stamp `ready` is younger than everything that decides what is installed, so a second call costs nothing.
+
+ENVIRONMENTS = .venv/ready .envs/donkeycar/ready .envs/jax/ready
+
+.venv/bin/python .envs/donkeycar/bin/python .envs/jax/bin/python .envs/ros2/bin/python:
+	@test -n "$(PYTHON)" || { echo "No Python 3.11 or later with venv was found; name one: make PYTHON=..."; exit 1; }
+	$(PYTHON) -m venv --clear $(@:/bin/python=)
+
+# What a user of the command line gets.
+.venv/demo: pyproject.toml requirements/dev.txt | .venv/bin/python
+	.venv/bin/python $(PIP_INSTALL) --constraint requirements/dev.txt --editable '.[plot,parquet]'
+	@touch $@
+
+# The same, with the tests' own tools.
+.venv/ready: requirements/dev.txt .venv/demo
+	.venv/bin/python $(PIP_INSTALL) --requirement requirements/dev.txt
+	@touch $@
+
+# NumPy 1.26, the oldest that is promised, with the real donkeycar.  /  JAX.  /  rclpy without a ROS installation.
+.envs/%/ready: requirements/%.txt pyproject.toml | .envs/%/bin/python
+	.envs/$*/bin/python $(PIP_INSTALL) --requirement requirements/$*.txt --editable .
+	@touch $@
+
+.PHONY: environments
+environments: $(ENVIRONMENTS)
+
+# ------------------------------------------------------------------------ jobs
+
+.PHONY: demo
+demo: .venv/demo
+	@mkdir -p out
+	.venv/bin/trundle track examples/differential/run.csv --robot examples/differential/robot.yaml \
+		--output out/run.tum --plot out/run.png
+	@echo "The trajectory is in out/run.tum, the picture in out/run.png."
+
+# Environments are made side by side. The checks then run one after the other, all of them even where one fails.
+.PHONY: test
+test:
+	@$(MAKE) --jobs=3 environments
+	@$(MAKE) --keep-going check test-jax test-donkeycar test-main
+
+.PHONY: test-main test-donkeycar test-jax
+test-main: .venv/ready
+	.venv/bin/python $(PYTEST) --numprocesses=2
+
+test-donkeycar: .envs/donkeycar/ready
+	.envs/donkeycar/bin/python $(PYTEST) tests/donkeycar tests/arrays
+
+test-jax: .envs/jax/ready
+	.envs/jax/bin/python $(PYTEST) tests/arrays
+
+.PHONY: check
+check: .venv/ready
+	.venv/bin/ruff format --check .
+	.venv/bin/ruff check .
+	.venv/bin/mypy
+
+.PHONY: bench
+bench: .venv/ready .envs/donkeycar/ready
+	.venv/bin/python $(PYTEST) benchmarks --benchmark-group-by=group
+
+.PHONY: verify
+verify: .venv/ready
+	@{ echo "# Verification"; echo; \
+	   echo "Made by \`make verify\` at commit $$(git rev-parse --short HEAD)$$(git diff --quiet HEAD || echo ', with changes')."; echo; \
+	   echo '```'; } > $(REPORT)
+	.venv/bin/python $(PYTEST) -m verify -rA --capture=tee-sys --durations=0 >> $(REPORT); \
+		status=$$?; echo '```' >> $(REPORT); tail -n 3 $(REPORT); exit $$status
+
+.PHONY: clean
+clean:
+	rm -rf .venv .envs .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks build dist out
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
