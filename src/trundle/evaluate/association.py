@@ -1,0 +1,216 @@
+"""Two trajectories at the same stamps."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trundle.errors import InputError
+from trundle.geometry import se2
+from trundle.records import Trajectory
+
+__all__ = ["Stamps", "associate", "describe_spans", "interpolate", "shift", "span"]
+
+Stamped = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+
+class Stamps(enum.Enum):
+    """Whose stamps two trajectories are compared at; the other one is interpolated."""
+
+    SPARSER = "sparser"
+    """Of the one with fewer samples in the common time: the denser one loses less."""
+    ESTIMATE = "estimate"
+    REFERENCE = "reference"
+
+
+def associate(
+    estimate: Trajectory,
+    reference: Trajectory,
+    *,
+    max_gap: float = 1.0,
+    time_offset: float = 0.0,
+    stamps: Stamps = Stamps.SPARSER,
+) -> tuple[Trajectory, Trajectory]:
+    """Both trajectories at common stamps, which are stamps of one of them.
+
+    The other one is interpolated there (see `interpolate`), never extrapolated. Samples without a
+    position (NaN) are left out first. Where both have a sample at the same time, both come through as
+    they are.
+
+    Args:
+        estimate: What is judged.
+        reference: What it is judged by. Headings may be NaN.
+        max_gap: Longest time between two samples that is interpolated over [s].
+        time_offset: Added to the stamps of the estimate [s], where the clocks differ.
+        stamps: Whose stamps are kept.
+
+    Returns:
+        Estimate and reference with equal `time_ns`, in the clock of the reference.
+
+    Raises:
+        InputError: If stamps go back, or nothing matches; the message says both time spans.
+    """
+    if not max_gap > 0.0:
+        raise InputError(f"max_gap: {max_gap} s, must be > 0")
+    estimate = _measured("estimate", shift(estimate, time_offset))
+    reference = _measured("reference", reference)
+    if _kept(estimate, reference, stamps) is estimate:
+        covered = _covered(reference, estimate.time_ns, max_gap)
+        pair = _take(estimate, covered), interpolate(reference, estimate.time_ns[covered])
+    else:
+        covered = _covered(estimate, reference.time_ns, max_gap)
+        pair = interpolate(estimate, reference.time_ns[covered]), _take(reference, covered)
+    if not covered.any():
+        raise InputError(
+            "estimate and reference have no time in common that is sampled closely enough "
+            f"(max_gap {max_gap:g} s): {describe_spans(estimate, reference)}"
+        )
+    return pair
+
+
+def interpolate(trajectory: Trajectory, time_ns: npt.ArrayLike) -> Trajectory:
+    """The trajectory at other stamps within its own time, without moving one of its samples.
+
+    Between two poses the body holds one twist, an arc (the geodesic of SE(2)), turning the shorter way;
+    where a heading is NaN it goes straight, and its heading is NaN. Twists and covariances are
+    interpolated linearly.
+
+    Args:
+        trajectory: Samples in time order.
+        time_ns: Stamps [ns], int64, shape (M,).
+
+    Returns:
+        A trajectory of M samples.
+
+    Raises:
+        InputError: If the trajectory's stamps go back, or a wanted stamp is outside of them.
+    """
+    wanted = np.asarray(time_ns, dtype=np.int64)
+    _require_order("trajectory", trajectory)
+    if not wanted.size:
+        return _take(trajectory, wanted)
+    own = trajectory.time_ns
+    if not own.size or wanted.min() < own[0] or wanted.max() > own[-1]:
+        raise InputError(
+            f"stamps from {_seconds(wanted.min())} to {_seconds(wanted.max())} s, must be within the "
+            f"trajectory: {span(trajectory)}"
+        )
+    before, after = _neighbours(own, wanted)
+    gap = np.maximum(own[after] - own[before], 1)
+    fraction = ((wanted - own[before]) / gap)[:, None]
+
+    def blend(column: npt.NDArray[np.float64], weight: Any) -> npt.NDArray[np.float64]:
+        # The first term alone where the weight is zero: 0 * NaN would spread from a neighbour.
+        here = column[before]
+        return np.where(weight == 0.0, here, here + weight * (column[after] - here))
+
+    first, second = trajectory.poses[before], trajectory.poses[after]
+    straight = blend(trajectory.poses, fraction)
+    motion = se2.log(se2.compose(se2.inverse(first), second))
+    arc = se2.compose(first, se2.exp(fraction * motion))
+    poses = np.where((fraction == 0.0) | np.isnan(arc), straight, arc)
+    return dataclasses.replace(
+        trajectory,
+        time_ns=wanted,
+        poses=poses,
+        twists=None if trajectory.twists is None else blend(trajectory.twists, fraction),
+        covariances=(
+            None if trajectory.covariances is None else blend(trajectory.covariances, fraction[..., None])
+        ),
+    )
+
+
+def shift(trajectory: Trajectory, seconds: float) -> Trajectory:
+    """The same trajectory with a time [s] added to its stamps.
+
+    Raises:
+        InputError: If the time is not finite.
+    """
+    if not math.isfinite(seconds):
+        raise InputError(f"time_offset: {seconds} s, must be finite")
+    return dataclasses.replace(trajectory, time_ns=trajectory.time_ns + round(seconds * 1e9))
+
+
+def span(trajectory: Trajectory) -> str:
+    """First and last stamp, for people."""
+    if not len(trajectory):
+        return "empty"
+    time_ns = trajectory.time_ns
+    return f"{len(time_ns)} samples from {_seconds(time_ns[0])} to {_seconds(time_ns[-1])} s"
+
+
+def describe_spans(estimate: Trajectory, reference: Trajectory) -> str:
+    """Both time spans, for people, and the offset that starts them together if they never meet."""
+    text = f"estimate {span(estimate)}, reference {span(reference)}"
+    if not len(estimate) or not len(reference):
+        return text
+    first, second = estimate.time_ns, reference.time_ns
+    if first[-1] < second[0] or second[-1] < first[0]:
+        text += f"; two clocks? time_offset={_seconds(second[0] - first[0])} starts them together"
+    return text
+
+
+def _seconds(time_ns: np.int64) -> str:
+    return f"{int(time_ns) / 1e9:.3f}"
+
+
+def _require_order(name: str, trajectory: Trajectory) -> None:
+    back = np.flatnonzero(np.diff(trajectory.time_ns) < 0)
+    if back.size:
+        k = int(back[0]) + 1
+        earlier, later = trajectory.time_ns[k - 1 : k + 1]
+        raise InputError(
+            f"{name}: sample {k} at {_seconds(later)} s comes after one at {_seconds(earlier)} s; "
+            "stamps must not go back"
+        )
+
+
+def _measured(name: str, trajectory: Trajectory) -> Trajectory:
+    """The samples that have a position, in time order."""
+    _require_order(name, trajectory)
+    finite: Mask = np.logical_and.reduce(np.isfinite(trajectory.poses[:, :2]), axis=1)
+    return trajectory if finite.all() else _take(trajectory, finite)
+
+
+def _kept(estimate: Trajectory, reference: Trajectory, stamps: Stamps) -> Trajectory:
+    """The one whose stamps are kept."""
+    if stamps is Stamps.SPARSER and len(estimate) and len(reference):
+        start = max(estimate.time_ns[0], reference.time_ns[0])
+        end = min(estimate.time_ns[-1], reference.time_ns[-1])
+        inside = [int(((t.time_ns >= start) & (t.time_ns <= end)).sum()) for t in (estimate, reference)]
+        return estimate if inside[0] <= inside[1] else reference
+    return reference if stamps is Stamps.REFERENCE else estimate
+
+
+def _neighbours(own: Stamped, wanted: Stamped) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Indices of the last sample at or before each wanted stamp, and of the one after it."""
+    before = np.maximum(np.searchsorted(own, wanted, side="right") - 1, 0)
+    return before, np.minimum(before + 1, len(own) - 1)
+
+
+def _covered(trajectory: Trajectory, wanted: Stamped, max_gap: float) -> Mask:
+    """Which stamps the trajectory has, or has two close enough samples around."""
+    own = trajectory.time_ns
+    if not own.size:
+        return np.zeros(wanted.shape, dtype=bool)
+    before, after = _neighbours(own, wanted)
+    close = (own[before] == wanted) | ((own[after] - own[before]) * 1e-9 <= max_gap)
+    covered: Mask = (own[0] <= wanted) & (wanted <= own[-1]) & close
+    return covered
+
+
+def _take(trajectory: Trajectory, chosen: npt.NDArray[Any]) -> Trajectory:
+    """Some samples of a trajectory, by mask or index."""
+    return dataclasses.replace(
+        trajectory,
+        time_ns=trajectory.time_ns[chosen],
+        poses=trajectory.poses[chosen],
+        twists=None if trajectory.twists is None else trajectory.twists[chosen],
+        covariances=None if trajectory.covariances is None else trajectory.covariances[chosen],
+    )
