@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import msgspec
 
-from trundle.errors import ConfigError, require_finite, require_positive
+from trundle.errors import ConfigError, InputError, require_finite, require_positive
 from trundle.robot.kinematics import Kinematics
 from trundle.robot.log_mapping import LogMapping
 
@@ -123,6 +123,17 @@ class Robot(msgspec.Struct, frozen=True, kw_only=True):
     def measuring(self) -> Kinematics:
         """The wheels whose readings say how the robot moved: the localizer, or the drive."""
         return self.drive if self.localizer is None else self.localizer
+
+    def encoders_of(self, names: Sequence[str]) -> tuple[Encoder, ...]:
+        """The encoders of these wheels.
+
+        Raises:
+            InputError: If a wheel has none.
+        """
+        missing = [name for name in names if name not in self.encoders]
+        if missing:
+            raise InputError(f"ticks need encoders: {{ticks_per_revolution: ...}} for {', '.join(missing)}")
+        return tuple(self.encoders[name] for name in names)
 
     def with_localizer(self, localizer: Kinematics | None) -> Robot:
         """The same robot, measured by other wheels; the same wheels drive it."""

@@ -23,6 +23,7 @@ Drive = TypeVar("Drive", bound="Kinematics")
 _FEASIBLE = 1e-9  # relative: what rounding leaves of a constraint that holds
 _STANDSTILL = 16.0 * 2.0**-52  # relative: below this a contact velocity is rounding, not motion
 _HALF_TURN = math.pi / 2.0
+_STEEPEST = math.radians(89.0)  # FAULTS.md S18
 
 
 class Kinematics:
@@ -89,6 +90,14 @@ class Kinematics:
             if wheel.kind is not WheelKind.STEERED
         ]
         self._standstill = (0.0,) * len(self._steered)
+        # Where nothing steers, K with the radii in it: the live path's one product.
+        self._columns_of_turned: list[tuple[float, ...]] | None = None
+        if not self._steered and self.observable_without_gyro:
+            columns = self.gains(gyro=False).rolling
+            self._columns_of_turned = [
+                tuple(gain * wheel.radius for gain in column)
+                for column, wheel in zip(columns, self._measured, strict=True)
+            ]
 
     # --- construction -----------------------------------------------------------------------
 
@@ -439,10 +448,63 @@ class Kinematics:
         rows = len(self.measured_names) + len(self.steered_names) + self.gyro
         return rows + len(self._constraints) - 3
 
-    def gains(self, steering: Sequence[float] = (), *, gyro: bool | None = None) -> Gains:
-        """How errors of the single rows become errors of the twist, at these steering angles."""
+    def gains(self, steering: Sequence[float] = (), trig: Any = math, *, gyro: bool | None = None) -> Gains:
+        """How errors of the single rows become errors of the twist, at these steering angles.
+
+        Args:
+            steering: Angles [rad], one float or array per steered wheel.
+            trig: `math`, or the namespace of the arrays.
+            gyro: Whether the gyro takes part; None means if there is one.
+        """
         angles = self._check_steering(steering)
-        return self._solver_for(self.gyro if gyro is None else gyro).gains(angles, math)
+        return self._solver_for(self.gyro if gyro is None else gyro).gains(angles, trig)
+
+    def displacement(
+        self, turned: Sequence[Any], steering: Sequence[Any] = (), turn: Any = None, trig: Any = math
+    ) -> Sequence[Any]:
+        """Body displacement (x, y, theta) over a step, from what the wheels turned in it. Checks nothing.
+
+        Args:
+            turned: Wheel angles [rad], one float or array per measured wheel.
+            steering: Mid-step steering angles [rad], one per steered wheel.
+            turn: What the gyro turned [rad], or None.
+            trig: `math`, or the namespace of the arrays.
+
+        Raises:
+            Unobservable: If at these angles the readings do not determine the motion.
+        """
+        if turn is None and self._columns_of_turned is not None:
+            x = y = theta = 0.0
+            for (a, b, c), angle in zip(self._columns_of_turned, turned, strict=True):
+                x += a * angle
+                y += b * angle
+                theta += c * angle
+            return x, y, theta
+        return self._solver_for(turn is not None).solve(turned, steering, turn, trig)
+
+    def steering_within_range(self, steering: Sequence[float]) -> bool:
+        """Whether wheels can stand at these angles, and a motion can be read from them.
+
+        A wheel that is steered but not measured says nothing when it stands square to its rolling
+        direction: beyond 89 degrees it is refused.
+        """
+        for wheel, angle in zip(self._steered, steering, strict=True):
+            if wheel.steering_range is not None and not (
+                wheel.steering_range[0] - 1e-9 <= angle <= wheel.steering_range[1] + 1e-9
+            ):
+                return False
+            if wheel.name not in self.measured_names and abs(math.remainder(angle, math.pi)) > _STEEPEST:
+                return False
+        return True
+
+    @property
+    def observable_without_gyro(self) -> bool:
+        """Whether the wheels alone determine the motion."""
+        try:
+            self._solver_for(False)
+        except InputError:
+            return False
+        return True
 
     def twist_covariance(
         self,
@@ -493,11 +555,9 @@ class Kinematics:
         Returns:
             Matrix 3 x measured [m/s per rad/s; rad/s per rad/s].
         """
-        columns = [
-            [gain * wheel.radius for gain in column]
-            for column, wheel in zip(self.gains(steering).rolling, self._measured, strict=True)
-        ]
-        return tuple(zip(*columns, strict=True))
+        columns = self.gains(steering).rolling
+        pairs = list(zip(columns, self._measured, strict=True))
+        return tuple(tuple(column[i] * wheel.radius for column, wheel in pairs) for i in range(3))
 
     def icr(self, twist: Twist2D) -> tuple[float, float]:
         """Instantaneous centre of rotation [m] in the body frame: the point that stands still.

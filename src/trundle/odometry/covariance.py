@@ -1,0 +1,143 @@
+"""Uncertainty of a pose that wheels measured, carried on the group.
+
+The covariance is that of the body-frame error e in `true = estimate @ exp(e)`, order (x, y, theta).
+Along a step D with noise Q (of D) it goes by `S <- Ad S Ad^T + Jr Q Jr^T` with `Ad` the adjoint of
+`exp(-D)` and `Jr` the right Jacobian, and to fourth order by the terms that errors of heading and
+position make together: without them 100 m with 20 degrees are 200 times too sure of themselves.
+
+Source:
+    Barfoot and Furgale 2014, "Associating uncertainty with three-dimensional poses", eq. 55,
+    mirrored to body-frame errors. Theirs has `A b + b A^T`; here `(1 + A) b (1 + A)^T`, which is
+    equal to fourth order and never leaves the positive semi-definite matrices.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+__all__ = ["Six", "in_odom_frame", "matrix", "outer", "propagate", "weighted_sum"]
+
+Six = tuple[float, float, float, float, float, float]
+"""Upper triangle of a symmetric 3 x 3 matrix: xx, xy, yy, x-theta, y-theta, theta-theta."""
+
+Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+
+ZERO: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def matrix(six: Six) -> Matrix:
+    """The full symmetric matrix."""
+    xx, xy, yy, xt, yt, tt = six
+    return ((xx, xy, xt), (xy, yy, yt), (xt, yt, tt))
+
+
+def outer(column: Sequence[float], factor: float = 1.0) -> Six:
+    """`factor * column column^T`."""
+    x, y, t = column
+    return (factor * x * x, factor * x * y, factor * y * y, factor * x * t, factor * y * t, factor * t * t)
+
+
+def weighted_sum(weights: Iterable[float], terms: Iterable[Six]) -> Six:
+    """Sum of symmetric matrices, each times its weight."""
+    xx = xy = yy = xt = yt = tt = 0.0
+    for weight, (a, b, c, d, e, f) in zip(weights, terms, strict=True):
+        xx += weight * a
+        xy += weight * b
+        yy += weight * c
+        xt += weight * d
+        yt += weight * e
+        tt += weight * f
+    return (xx, xy, yy, xt, yt, tt)
+
+
+def propagate(before: Six, step: Sequence[float], noise: Six) -> Six:
+    """Covariance after a step.
+
+    Args:
+        before: Covariance of the pose before the step.
+        step: Body displacement (x, y, theta) [m, m, rad].
+        noise: Covariance of the displacement.
+    """
+    dx, dy, angle = step
+    half = 0.5 * angle
+    sine, cosine = math.sin(half), math.cos(half)
+    chord = sine / half if half else 1.0
+    # exp(D) moves by chord * R(angle / 2) (dx, dy).
+    px, py = chord * (cosine * dx - sine * dy), chord * (sine * dx + cosine * dy)
+    axx, axy, ayy, axt, ayt, att = _moved(before, px, py, angle)
+    bxx, bxy, byy, bxt, byt, btt = _mapped(noise, dx, dy, angle, sine * chord, cosine * chord)
+
+    # (1 + A_b / 12) a (1 + A_b / 12)^T, with A = E[ad ad] = [[-tt, 0, xt], [0, -tt, yt], [0, 0, 0]].
+    shrink, ux, uy = 1.0 - btt / 12.0, bxt / 12.0, byt / 12.0
+    sxx = shrink * shrink * axx + ux * (2.0 * shrink * axt + ux * att)
+    sxy = shrink * shrink * axy + shrink * (ux * ayt + uy * axt) + ux * uy * att
+    syy = shrink * shrink * ayy + uy * (2.0 * shrink * ayt + uy * att)
+    # The same the other way round.
+    shrink, ux, uy = 1.0 - att / 12.0, axt / 12.0, ayt / 12.0
+    sxx += shrink * shrink * bxx + ux * (2.0 * shrink * bxt + ux * btt)
+    sxy += shrink * shrink * bxy + shrink * (ux * byt + uy * bxt) + ux * uy * btt
+    syy += shrink * shrink * byy + uy * (2.0 * shrink * byt + uy * btt)
+    # B / 4, with B = E[ad_a b b^T ad_a^T].
+    sxx += 0.25 * (att * byy - 2.0 * ayt * byt + ayy * btt)
+    syy += 0.25 * (att * bxx - 2.0 * axt * bxt + axx * btt)
+    sxy += 0.25 * (axt * byt + ayt * bxt - att * bxy - axy * btt)
+    # The terms with theta cancel: A_a b + A_b a has none.
+    return (sxx, sxy, syy, axt + bxt, ayt + byt, att + btt)
+
+
+def in_odom_frame(six: Six, heading: float) -> Six:
+    """The same covariance with x and y along the axes that the pose is given in.
+
+    For messages that want it so. The point that errs is still the robot: no adjoint.
+
+    Args:
+        six: Body-frame covariance.
+        heading: Of the pose [rad].
+    """
+    return _rotated(six, math.cos(heading), math.sin(heading))
+
+
+def _moved(six: Six, px: float, py: float, angle: float) -> Six:
+    """Ad S Ad^T with the adjoint of the inverse of the pose (px, py, angle)."""
+    xx, xy, yy, xt, yt, tt = six
+    # An error of heading before the step is one of position after it: (-py, px) per radian.
+    axt, ayt = xt - py * tt, yt + px * tt
+    moved = (xx - py * (xt + axt), xy - py * yt + px * axt, yy + px * (yt + ayt), axt, ayt, tt)
+    return _rotated(moved, math.cos(angle), -math.sin(angle))
+
+
+def _rotated(six: Six, c: float, s: float) -> Six:
+    xx, xy, yy, xt, yt, tt = six
+    across = 2.0 * c * s * xy
+    return (
+        c * c * xx - across + s * s * yy,
+        c * s * (xx - yy) + (c * c - s * s) * xy,
+        s * s * xx + across + c * c * yy,
+        c * xt - s * yt,
+        s * xt + c * yt,
+        tt,
+    )
+
+
+def _mapped(six: Six, dx: float, dy: float, angle: float, b: float, a: float) -> Six:
+    """Jr Q Jr^T; a = sin(angle)/angle and b = (1 - cos(angle))/angle come from the caller."""
+    if abs(angle) > 1e-2:
+        c, d = (1.0 - a) / angle, b / angle
+    else:  # the quotients lose digits here; the series are good to 1e-12
+        c, d = angle * (1.0 / 6.0 - angle * angle / 120.0), 0.5 - angle * angle / 24.0
+    ux, uy = c * dx - d * dy, d * dx + c * dy
+    xx, xy, yy, xt, yt, tt = six
+    # Rows of Jr are (a, b, ux), (-b, a, uy), (0, 0, 1): a rotation-like block, then the lever.
+    kxx = a * a * xx + 2.0 * a * b * xy + b * b * yy
+    kxy = a * b * (yy - xx) + (a * a - b * b) * xy
+    kyy = b * b * xx - 2.0 * a * b * xy + a * a * yy
+    kxt, kyt = a * xt + b * yt, a * yt - b * xt
+    return (
+        kxx + ux * (2.0 * kxt + ux * tt),
+        kxy + ux * kyt + uy * kxt + ux * uy * tt,
+        kyy + uy * (2.0 * kyt + uy * tt),
+        kxt + ux * tt,
+        kyt + uy * tt,
+        tt,
+    )
