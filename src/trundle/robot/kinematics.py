@@ -302,7 +302,7 @@ class Kinematics:
             Infeasible: If any of the twists needs slip.
             ShapeError: If the last axis is not 3.
         """
-        from array_api_compat import array_namespace
+        from array_api_compat import array_namespace, device
 
         xp = array_namespace(twists)
         if twists.ndim == 0 or twists.shape[-1] != 3:
@@ -325,7 +325,7 @@ class Kinematics:
             angle, speed = _aim(xp, wheel, vx, vy, omega, now)
             angles.append(angle)
             speeds.append(speed / wheel.radius)
-        nothing = xp.zeros((*vx.shape, 0), dtype=vx.dtype, device=vx.device)
+        nothing = xp.zeros((*vx.shape, 0), dtype=vx.dtype, device=device(vx))
         return xp.stack(speeds, axis=-1), xp.stack(angles, axis=-1) if angles else nothing
 
     # --- wheels to twist --------------------------------------------------------------------
@@ -398,12 +398,12 @@ class Kinematics:
             ShapeError: If a last axis has the wrong length.
             Unobservable: If any reading does not determine the motion.
         """
-        from array_api_compat import array_namespace
+        from array_api_compat import array_namespace, device
 
         xp = array_namespace(speeds)
         wheels, angles = self._columns(speeds, steering)
         twist = self._solver(yaw_rate).solve(wheels, angles, yaw_rate, xp)
-        like = xp.zeros(speeds.shape[:-1], dtype=speeds.dtype, device=speeds.device)
+        like = xp.zeros(speeds.shape[:-1], dtype=speeds.dtype, device=device(speeds))
         return xp.stack([like + part for part in twist], axis=-1)
 
     def residual(
