@@ -3,6 +3,7 @@
 #   make demo     install, and run the main job on a shipped example
 #   make test     install everything, lint, type-check, and run every test
 #   make check    ruff and mypy alone
+#   make format   put the source into ruff's form
 #   make bench    side-by-side speed figures
 #   make verify   the issues' full figures, into docs/verification.md
 #   make clean    remove what the others left
@@ -74,6 +75,11 @@ check: .venv/ready
 	.venv/bin/ruff format --check .
 	.venv/bin/ruff check .
 	.venv/bin/mypy
+
+.PHONY: format
+format: .venv/ready
+	.venv/bin/ruff format .
+	.venv/bin/ruff check --fix .
 
 .PHONY: bench
 bench: .venv/ready .envs/donkeycar/ready
