@@ -35,6 +35,8 @@ if TYPE_CHECKING:
         Unobservable,
     )
     from trundle.geometry import Pose2D, Twist2D, wrap
+    from trundle.odometry import Integrator, OdometryState, WheelOdometry
+    from trundle.odometry.integrate import integrate, integrate_batch
     from trundle.records import Reading, Trajectory, WheelLog
     from trundle.robot import (
         Ackermann,
@@ -78,6 +80,8 @@ _HOMES = {
         "Unobservable",
     ),
     "trundle.geometry": ("Pose2D", "Twist2D", "wrap"),
+    "trundle.odometry": ("Integrator", "OdometryState", "WheelOdometry"),
+    "trundle.odometry.integrate": ("integrate", "integrate_batch"),
     "trundle.records": ("Reading", "Trajectory", "WheelLog"),
     "trundle.robot": (
         "Ackermann",

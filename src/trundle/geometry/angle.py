@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["sinc", "wrap"]
+__all__ = ["excess", "sinc", "wrap"]
 
 
 def wrap(angle: float) -> float:
@@ -23,3 +23,11 @@ def sinc(angle: float) -> float:
     there is nothing for a series near zero to mend.
     """
     return math.sin(angle) / angle if angle else 1.0
+
+
+def excess(angle: float) -> float:
+    """(angle - sin(angle)) / angle^2, which is angle/6 near zero; the quotient loses digits there."""
+    if abs(angle) > 0.05:
+        return (angle - math.sin(angle)) / (angle * angle)
+    square = angle * angle
+    return angle * (1.0 / 6.0 - square * (1.0 / 120.0 - square / 5040.0))

@@ -13,7 +13,7 @@ from array_api_compat import array_namespace
 
 from trundle.errors import ShapeError
 
-__all__ = ["adjoint", "compose", "exp", "inverse", "log", "right_jacobian", "sinc", "wrap"]
+__all__ = ["adjoint", "compose", "excess", "exp", "inverse", "log", "right_jacobian", "sinc", "wrap"]
 
 Array = Any  # any array of the array-API standard
 
@@ -167,14 +167,14 @@ def right_jacobian(tangent: Array) -> Array:
     a = sinc(theta)
     b = xp.sin(half) * sinc(half)  # (1 - cos theta) / theta
     # (theta - sin theta) / theta^2 and (1 - cos theta) / theta^2
-    c = _excess(theta)
+    c = excess(theta)
     d = 0.5 * sinc(half) ** 2
     zero, one = xp.zeros_like(theta), xp.ones_like(theta)
     rows = ([a, b, c * dx - d * dy], [-b, a, d * dx + c * dy], [zero, zero, one])
     return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def _excess(angle: Array) -> Array:
+def excess(angle: Array) -> Array:
     """(angle - sin(angle)) / angle^2, which is angle/6 near zero."""
     xp = array_namespace(angle)
     square = angle * angle

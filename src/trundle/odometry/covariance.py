@@ -15,8 +15,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import Any
 
-__all__ = ["Six", "in_odom_frame", "matrix", "outer", "propagate", "weighted_sum"]
+from trundle.geometry.angle import excess, sinc
+
+__all__ = ["ZERO", "Matrix", "Six", "in_odom_frame", "mapped", "matrix", "outer", "propagate", "rotated", "weighted_sum"]
 
 Six = tuple[float, float, float, float, float, float]
 """Upper triangle of a symmetric 3 x 3 matrix: xx, xy, yy, x-theta, y-theta, theta-theta."""
@@ -51,22 +54,28 @@ def weighted_sum(weights: Iterable[float], terms: Iterable[Six]) -> Six:
     return (xx, xy, yy, xt, yt, tt)
 
 
-def propagate(before: Six, step: Sequence[float], noise: Six) -> Six:
+def propagate(
+    before: Six, step: Sequence[float], noise: Six, *, chord: bool = True, lead: float = 0.5
+) -> Six:
     """Covariance after a step.
 
     Args:
         before: Covariance of the pose before the step.
         step: Body displacement (x, y, theta) [m, m, rad].
         noise: Covariance of the displacement.
+        chord: Whether the step was walked as an arc; else as a straight line.
+        lead: Along which heading: 0 the old one, 0.5 the mean.
     """
     dx, dy, angle = step
     half = 0.5 * angle
     sine, cosine = math.sin(half), math.cos(half)
-    chord = sine / half if half else 1.0
-    # exp(D) moves by chord * R(angle / 2) (dx, dy).
-    px, py = chord * (cosine * dx - sine * dy), chord * (sine * dx + cosine * dy)
+    shortened = sinc(half)
+    # exp(D) moves by sinc(angle / 2) R(angle / 2) (dx, dy).
+    c, s = (cosine, sine) if lead else (1.0, 0.0)
+    length = shortened if chord else 1.0
+    px, py = length * (c * dx - s * dy), length * (s * dx + c * dy)
     axx, axy, ayy, axt, ayt, att = _moved(before, px, py, angle)
-    bxx, bxy, byy, bxt, byt, btt = _mapped(noise, dx, dy, angle, sine * chord, cosine * chord)
+    bxx, bxy, byy, bxt, byt, btt = mapped(noise, step, (sine, cosine), shortened, excess(angle))
 
     # (1 + A_b / 12) a (1 + A_b / 12)^T, with A = E[ad ad] = [[-tt, 0, xt], [0, -tt, yt], [0, 0, 0]].
     shrink, ux, uy = 1.0 - btt / 12.0, bxt / 12.0, byt / 12.0
@@ -95,7 +104,7 @@ def in_odom_frame(six: Six, heading: float) -> Six:
         six: Body-frame covariance.
         heading: Of the pose [rad].
     """
-    return _rotated(six, math.cos(heading), math.sin(heading))
+    return rotated(six, math.cos(heading), math.sin(heading))
 
 
 def _moved(six: Six, px: float, py: float, angle: float) -> Six:
@@ -104,10 +113,11 @@ def _moved(six: Six, px: float, py: float, angle: float) -> Six:
     # An error of heading before the step is one of position after it: (-py, px) per radian.
     axt, ayt = xt - py * tt, yt + px * tt
     moved = (xx - py * (xt + axt), xy - py * yt + px * axt, yy + px * (yt + ayt), axt, ayt, tt)
-    return _rotated(moved, math.cos(angle), -math.sin(angle))
+    return rotated(moved, math.cos(angle), -math.sin(angle))
 
 
-def _rotated(six: Six, c: float, s: float) -> Six:
+def rotated(six: Six, c: float, s: float) -> Six:
+    """R S R^T with R the turn by the angle of this cosine and sine."""
     xx, xy, yy, xt, yt, tt = six
     across = 2.0 * c * s * xy
     return (
@@ -120,23 +130,29 @@ def _rotated(six: Six, c: float, s: float) -> Six:
     )
 
 
-def _mapped(six: Six, dx: float, dy: float, angle: float, b: float, a: float) -> Six:
-    """Jr Q Jr^T; a = sin(angle)/angle and b = (1 - cos(angle))/angle come from the caller."""
-    if abs(angle) > 1e-2:
-        c, d = (1.0 - a) / angle, b / angle
-    else:  # the quotients lose digits here; the series are good to 1e-12
-        c, d = angle * (1.0 / 6.0 - angle * angle / 120.0), 0.5 - angle * angle / 24.0
-    ux, uy = c * dx - d * dy, d * dx + c * dy
+def mapped(six: Six, step: Sequence[Any], half_turn: tuple[Any, Any], chord: Any, excess: Any) -> Six:
+    """Jr Q Jr^T: noise of a displacement as an error of the pose after it. Floats or arrays.
+
+    Args:
+        six: Covariance of the displacement.
+        step: The displacement (x, y, theta).
+        half_turn: (sin, cos) of theta / 2.
+        chord: sinc(theta / 2).
+        excess: (theta - sin theta) / theta^2.
+    """
+    dx, dy, _ = step
+    sine, cosine = half_turn
+    a, b = cosine * chord, sine * chord  # sin(theta) / theta and (1 - cos(theta)) / theta
+    d = 0.5 * chord * chord  # (1 - cos(theta)) / theta^2
+    ux, uy = excess * dx - d * dy, d * dx + excess * dy
     xx, xy, yy, xt, yt, tt = six
-    # Rows of Jr are (a, b, ux), (-b, a, uy), (0, 0, 1): a rotation-like block, then the lever.
-    kxx = a * a * xx + 2.0 * a * b * xy + b * b * yy
-    kxy = a * b * (yy - xx) + (a * a - b * b) * xy
-    kyy = b * b * xx - 2.0 * a * b * xy + a * a * yy
+    # Rows of Jr are (a, b, ux), (-b, a, uy), (0, 0, 1): a turn that shrinks, then the lever.
+    aa, ab, bb = a * a, a * b, b * b
     kxt, kyt = a * xt + b * yt, a * yt - b * xt
     return (
-        kxx + ux * (2.0 * kxt + ux * tt),
-        kxy + ux * kyt + uy * kxt + ux * uy * tt,
-        kyy + uy * (2.0 * kyt + uy * tt),
+        aa * xx + 2.0 * ab * xy + bb * yy + ux * (2.0 * kxt + ux * tt),
+        ab * (yy - xx) + (aa - bb) * xy + ux * kyt + uy * kxt + ux * uy * tt,
+        bb * xx - 2.0 * ab * xy + aa * yy + uy * (2.0 * kyt + uy * tt),
         kxt + ux * tt,
         kyt + uy * tt,
         tt,

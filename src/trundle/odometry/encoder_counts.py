@@ -5,7 +5,9 @@ from __future__ import annotations
 import operator
 from typing import Any
 
-__all__ = ["count_difference", "whole_count"]
+__all__ = ["count_difference", "count_differences", "whole_count"]
+
+Array = Any
 
 
 def count_difference(now: int, before: int, bits: int | None) -> int:
@@ -23,6 +25,15 @@ def count_difference(now: int, before: int, bits: int | None) -> int:
         return now - before
     half = 1 << (bits - 1)
     return ((now - before + half) & (2 * half - 1)) - half
+
+
+def count_differences(now: Array, before: Array, bits: int | None) -> Array:
+    """`count_difference` for int64 arrays; counters of 64 bits wrap as the integers themselves do."""
+    change = now - before
+    if bits is None or bits == 64:
+        return change
+    half = 1 << (bits - 1)
+    return ((change + half) & (2 * half - 1)) - half
 
 
 def whole_count(value: Any) -> int | None:

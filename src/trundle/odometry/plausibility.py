@@ -45,9 +45,9 @@ class Plausibility:
         self._slack = [TICKS * abs(e.radians_per_tick) if e is not None else 0.0 for e in encoders]
 
     @property
-    def bounds(self) -> tuple[list[float], list[float]]:
-        """Per measured wheel: greatest believable speed [rad/s], and what is added to its product with time [rad]."""
-        return self._rates, self._slack
+    def bounds(self) -> list[tuple[float, float]]:
+        """Per measured wheel: greatest believable speed [rad/s], and what its product with time may exceed [rad]."""
+        return list(zip(self._rates, self._slack, strict=True))
 
     def allows(self, turned: Sequence[float], seconds: float) -> bool:
         """Whether the wheels can have turned so far [rad] in that time [s]."""

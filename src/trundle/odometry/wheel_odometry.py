@@ -9,6 +9,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import msgspec
 
@@ -22,7 +23,7 @@ from trundle.odometry.step_noise import StepNoise
 from trundle.records import Reading
 from trundle.robot import Encoder, Kinematics, Robot
 
-__all__ = ["OdometryState", "WheelOdometry"]
+__all__ = ["Memory", "OdometryState", "WheelOdometry"]
 
 Numbers = Sequence[float]
 
@@ -75,6 +76,24 @@ class OdometryState(msgspec.Struct, frozen=True, gc=False):
         return matrix(in_odom_frame(self.upper, self.pose.theta))
 
 
+class Memory(NamedTuple):
+    """What the next step needs of the last one besides its reading.
+
+    Attributes:
+        pose: x, y and heading, not wrapped.
+        twist: vx, vy, omega.
+        upper: Upper triangle of the covariance.
+        before: Displacement of the last step as measured, for the commutator; None after a break.
+        before_ns: Its duration.
+    """
+
+    pose: tuple[float, ...]
+    twist: tuple[float, ...]
+    upper: Six
+    before: tuple[float, ...] | None
+    before_ns: int
+
+
 class WheelOdometry:
     """Turns wheel readings into poses, live.
 
@@ -110,16 +129,16 @@ class WheelOdometry:
         "_kind",
         "_lead",
         "_lost",
-        "_max_gap_ns",
-        "_noise",
-        "_plausible",
+        "max_gap_ns",
+        "noise",
+        "plausible",
         "_reading",
         "_steered",
         "_steering",
         "_strikes",
         "_theta",
         "_theta_low",
-        "_ticks",
+        "encoders",
         "_time_ns",
         "_turns",
         "_twist",
@@ -155,12 +174,12 @@ class WheelOdometry:
         self._commutes = self.integrator is Integrator.ARC_PLUS
         self._chord = self.integrator in (Integrator.ARC, Integrator.ARC_PLUS)
         self._lead = 0.0 if self.integrator is Integrator.EULER else 0.5
-        self._max_gap_ns = round(require_positive("max_gap", max_gap) * 1e9)
-        self._noise = StepNoise(self.drive, self.robot.noise) if covariance else None
-        self._plausible = Plausibility(self.robot)
+        self.max_gap_ns = round(require_positive("max_gap", max_gap) * 1e9)
+        self.noise = StepNoise(self.drive, self.robot.noise) if covariance else None
+        self.plausible = Plausibility(self.robot)
         self._count = len(self.drive.measured_names)
         self._steered = len(self.drive.steered_names)
-        self._ticks: tuple[Encoder, ...] = ()
+        self.encoders: tuple[Encoder, ...] = ()
         self._gyro = Gyro.of(self.drive)
         self.offered = self.accepted = 0
         self.rejected: dict[str, int] = {}
@@ -193,7 +212,7 @@ class WheelOdometry:
         self._turns = round((pose.theta - self._theta) / math.tau)
         self._x_low = self._y_low = self._theta_low = 0.0
         self._covariance = covariance
-        self._before: tuple[float, float, float] | None = None
+        self._before: tuple[float, ...] | None = None
         self.state = OdometryState(self._time_ns, pose, self._twist, True, "reset", covariance)
 
     def update(
@@ -257,6 +276,39 @@ class WheelOdometry:
         assert time_ns is not None
         return self._step(time_ns, kind, reading, steering, yaw_rate)
 
+    # --- what `integrate` needs to go through arrays and come back ---------------------------------
+
+    @property
+    def memory(self) -> Memory:
+        """What the next step needs of the last one."""
+        twist = self._twist
+        return Memory(
+            (self._x - self._x_low, self._y - self._y_low, self._theta + math.tau * self._turns),
+            (twist.vx, twist.vy, twist.omega),
+            self._covariance,
+            self._before,
+            self._before_ns,
+        )
+
+    def resume(
+        self,
+        *,
+        count: int,
+        time_ns: int,
+        reading: Numbers,
+        steering: Numbers,
+        yaw_rate: float | None,
+        memory: Memory,
+    ) -> None:
+        """Go on after `count` samples that were accepted elsewhere, the last of them this one."""
+        self._twist = Twist2D(*memory.twist)
+        self.reset(Pose2D(*memory.pose), covariance=memory.upper)
+        if self._commutes:
+            self._before, self._before_ns = memory.before, memory.before_ns
+        self.offered += count
+        self.accepted += count - 1
+        self._accept(time_ns, reading, steering, yaw_rate, "")
+
     # --- one sample -------------------------------------------------------------------------
 
     def _step(
@@ -292,21 +344,20 @@ class WheelOdometry:
             return self._reject("range")
         if not math.isfinite(dx + dy + dt):
             return self._reject("nonfinite")
-        if not self._plausible.allows(turned, seconds):
+        if not self.plausible.allows(turned, seconds):
             return self._implausible(time_ns, kind, reading, steering, yaw_rate)
 
         reason = ""
-        if elapsed > self._max_gap_ns or self._lost:
+        if elapsed > self.max_gap_ns or self._lost:
             reason = self._break(elapsed)
             if kind is Reading.VELOCITY:  # speeds say nothing about the time between them
                 return self._rebaseline(time_ns, reading, steering, yaw_rate, reason)
-        self._integrate(dx, dy, dt, elapsed)
-        if self._noise is not None:
-            step = (dx, dy, dt)
-            noise = self._noise(turned, middle, step, seconds, turn is not None)
+        step = self._integrate(dx, dy, dt, elapsed)
+        if self.noise is not None:
+            noise = self.noise(turned, middle, (dx, dy, dt), seconds, turn is not None)
             if reason == "gap":
                 noise = _unknown_path(noise, dx, dy)
-            self._covariance = propagate(self._covariance, step, noise)
+            self._covariance = propagate(self._covariance, step, noise, chord=self._chord, lead=self._lead)
         if kind is Reading.VELOCITY:
             twist = Twist2D(*self.drive.displacement(reading, steering, yaw_rate))
         else:
@@ -314,8 +365,11 @@ class WheelOdometry:
         self._twist = twist
         return self._accept(time_ns, reading, steering, yaw_rate, reason)
 
-    def _integrate(self, dx: float, dy: float, dt: float, elapsed: int) -> None:
-        """Move the pose by one step. Sums are compensated (Kahan): a day at 1 kHz loses nothing."""
+    def _integrate(self, dx: float, dy: float, dt: float, elapsed: int) -> tuple[float, float, float]:
+        """Move the pose by one step, and return the step with its commutator.
+
+        Sums are compensated (Kahan): a day at 1 kHz loses nothing.
+        """
         if self._commutes:
             before = self._before
             self._before = (dx, dy, dt)
@@ -347,6 +401,7 @@ class WheelOdometry:
             total -= turns * math.tau
             self._turns += turns
         self._theta = total
+        return dx, dy, dt
 
     def _accept(
         self, time_ns: int, reading: Numbers, steering: Numbers, yaw_rate: float | None, reason: str
@@ -410,8 +465,8 @@ class WheelOdometry:
         self, time_ns: int, kind: Reading, reading: Numbers, steering: Numbers, yaw_rate: float | None
     ) -> OdometryState:
         """A wheel that turned further than it can (S11, S12); from zero, the encoders began anew."""
-        scales = [abs(e.radians_per_tick) for e in self._ticks] or [1.0] * self._count
-        restarted = kind in (Reading.TICKS, Reading.POSITION) and self._plausible.allows(
+        scales = [abs(e.radians_per_tick) for e in self.encoders] or [1.0] * self._count
+        restarted = kind in (Reading.TICKS, Reading.POSITION) and self.plausible.allows(
             [value * scale for value, scale in zip(reading, scales, strict=True)],
             (time_ns - self._time_ns) * 1e-9,
         )
@@ -434,7 +489,7 @@ class WheelOdometry:
     def _break(self, elapsed: int) -> str:
         """A step that is not like the others: after a gap, or after increments that were lost."""
         self._before = None
-        if elapsed > self._max_gap_ns:
+        if elapsed > self.max_gap_ns:
             self._count_event("gap")
             self._lost = False
             return "gap"
@@ -444,12 +499,12 @@ class WheelOdometry:
 
     def _grow_unseen(self, seconds: float) -> None:
         """Add what the robot may have moved while nobody looked: its speed times the time."""
-        speed, yaw_rate = self._plausible.body_speed
+        speed, yaw_rate = self.plausible.body_speed
         twist = self._twist
         sigma = seconds * max(speed, math.hypot(twist.vx, twist.vy))
         turn = seconds * max(yaw_rate, abs(twist.omega))
         xx, xy, yy, xt, yt, tt = self._covariance
-        if self._noise is not None:
+        if self.noise is not None:
             self._covariance = (xx + sigma**2, xy, yy + sigma**2, xt, yt, tt + turn**2)
 
     def _count_event(self, name: str) -> None:
@@ -472,7 +527,7 @@ class WheelOdometry:
             return [half * (then + now) for now, then in zip(reading, before, strict=True)]
         turned = []
         for value, then, encoder, fastest in zip(
-            reading, before, self._ticks, self._plausible.declared, strict=True
+            reading, before, self.encoders, self.plausible.declared, strict=True
         ):
             now = whole_count(value)
             if now is None:
@@ -504,13 +559,16 @@ class WheelOdometry:
                 steering = self.drive.expand_steering(steering)
             except ShapeError:
                 return "shape"
-        return tuple(steering) if self.drive.steering_within_range(steering) else "range"
+        for bounds, angle in zip(self.drive.steering_bounds, steering, strict=True):
+            if not bounds.hold(angle):
+                return "range"
+        return tuple(steering)
 
     def _take_kind(self, kind: Reading) -> None:
         if self._kind is not None:
             raise InputError(f"update: {kind.value} given, but it was {self._kind.value} before; use one kind of reading")
         if kind is Reading.TICKS:
-            self._ticks = self.robot.encoders_of(self.drive.measured_names)
+            self.encoders = self.robot.encoders_of(self.drive.measured_names)
         self._kind = kind
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, TypeVar, overload
+from typing import Any, NamedTuple, overload
 
 from trundle.errors import ConfigError, Infeasible, InputError, ShapeError, did_you_mean, require_finite
 from trundle.geometry import Twist2D
@@ -15,15 +15,38 @@ from trundle.robot.solver import Driving, Gains, Leaning, Rolling, Solver
 from trundle.robot.wheel import Wheel, WheelKind
 from trundle.robot.wheel_command import WheelCommand
 
-__all__ = ["Kinematics"]
+__all__ = ["Kinematics", "SteeringBounds"]
 
 Array = Any  # any array of the array-API standard
-Drive = TypeVar("Drive", bound="Kinematics")
 
 _FEASIBLE = 1e-9  # relative: what rounding leaves of a constraint that holds
 _STANDSTILL = 16.0 * 2.0**-52  # relative: below this a contact velocity is rounding, not motion
 _HALF_TURN = math.pi / 2.0
-_STEEPEST = math.radians(89.0)  # FAULTS.md S18
+_STEEPEST = math.radians(89.0)
+_SLACK = 1e-9  # a wheel commanded to its stop is not beyond it [rad]
+
+
+class SteeringBounds(NamedTuple):
+    """Which angles of a steered wheel can be believed [rad].
+
+    Attributes:
+        least: End of its range.
+        greatest: The other end.
+        leaning: Its rotation is not measured: square to its rolling direction it says nothing, so
+            beyond 89 degrees it is refused (FAULTS.md S18).
+    """
+
+    least: float
+    greatest: float
+    leaning: bool
+
+    def hold(self, angle: Any, trig: Any = math) -> Any:
+        """Whether the angle, or each angle of an array, is within them. NaN is not."""
+        inside = (angle >= self.least - _SLACK) & (angle <= self.greatest + _SLACK)
+        if not self.leaning:
+            return inside
+        whole_turns = round(angle / math.pi) if trig is math else trig.round(angle / math.pi)
+        return inside & (abs(angle - math.pi * whole_turns) <= _STEEPEST)
 
 
 class Kinematics:
@@ -44,6 +67,7 @@ class Kinematics:
         measured_names: The wheels whose rotation `forward` and odometry are given, in that order.
         gyro: Whether a yaw rate is measured too.
         condition: Condition number of the rows, lengths in RMS distances of the wheels.
+        steering_bounds: Per steered wheel, which angles can be believed.
 
     Raises:
         ConfigError: If a value is impossible, or the wheels would have to slip.
@@ -83,6 +107,10 @@ class Kinematics:
         self._null = null_space(self._constraints, (1.0, 1.0, self._scale))
         observability.check_constraints(self._null)
         self.condition = observability.check_observable([*self._constraints, *self._observed_rows()], points)
+        self.steering_bounds = tuple(
+            SteeringBounds(*(wheel.steering_range or (-math.inf, math.inf)), wheel.name not in self.measured_names)
+            for wheel in self._steered
+        )
         self._solvers: dict[bool, Solver] = {}
         self._speed_rows = [
             tuple(a / wheel.radius for a in rolling(wheel))
@@ -482,21 +510,6 @@ class Kinematics:
             return x, y, theta
         return self._solver_for(turn is not None).solve(turned, steering, turn, trig)
 
-    def steering_within_range(self, steering: Sequence[float]) -> bool:
-        """Whether wheels can stand at these angles, and a motion can be read from them.
-
-        A wheel that is steered but not measured says nothing when it stands square to its rolling
-        direction: beyond 89 degrees it is refused.
-        """
-        for wheel, angle in zip(self._steered, steering, strict=True):
-            if wheel.steering_range is not None and not (
-                wheel.steering_range[0] - 1e-9 <= angle <= wheel.steering_range[1] + 1e-9
-            ):
-                return False
-            if wheel.name not in self.measured_names and abs(math.remainder(angle, math.pi)) > _STEEPEST:
-                return False
-        return True
-
     @property
     def observable_without_gyro(self) -> bool:
         """Whether the wheels alone determine the motion."""
@@ -602,6 +615,10 @@ class Kinematics:
             ShapeError: If this drive understands none of that length.
         """
         raise ShapeError(f"steering: {len(steering)} angles, must be {len(self._steered)} {self.steered_names}")
+
+    def check_batch(self, readings: Array, steering: Array | None) -> None:
+        """Raises ShapeError unless these are (..., measured) readings and (..., steered) angles."""
+        self._columns(readings, steering)
 
     def _columns(self, speeds: Array, steering: Array | None) -> tuple[list[Array], Sequence[Array]]:
         count = len(self._measured)

@@ -1,0 +1,400 @@
+"""Whole logs to trajectories.
+
+`integrate` is `WheelOdometry` folded over a log: rows that are plainly one step after the row before
+go through arrays, every other row through `update` itself, and the state is passed on between them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from array_api_compat import array_namespace, is_numpy_array
+
+from trundle.errors import InputError, LogSchema, ShapeError, Unobservable, did_you_mean
+from trundle.geometry import Pose2D
+from trundle.odometry import path
+from trundle.odometry.encoder_counts import count_differences
+from trundle.odometry.integrator import Integrator
+from trundle.odometry.covariance import ZERO
+from trundle.odometry.wheel_odometry import CLOCK_RESOLUTION_NS, Memory, WheelOdometry
+from trundle.records import Reading, Trajectory, WheelLog
+from trundle.robot import Kinematics, Robot, TrackingWheels
+
+__all__ = ["integrate", "integrate_batch"]
+
+Array = Any
+Floats = npt.NDArray[np.float64]
+
+BLOCK = 4096  # rows at a time: what their arrays take fits into the second-level cache
+
+
+def integrate(
+    robot: Robot | Kinematics,
+    log: WheelLog,
+    *,
+    covariance: bool = True,
+    integrator: str | Integrator = Integrator.ARC_PLUS,
+    pose: Pose2D | None = None,
+    max_gap: float = 1.0,
+) -> Trajectory:
+    """Poses of a robot along a log; the same as `WheelOdometry.update` for every row.
+
+    Args:
+        robot: A Robot, or a drive.
+        log: Wheel readings of the robot's measured wheels; or, where it has none, body twists.
+        covariance: Whether to carry the covariance.
+        integrator: As for `WheelOdometry`; "symmetric" as well.
+        pose: Where the robot is at the first row.
+        max_gap: Longest step that still counts as one motion [s].
+
+    Returns:
+        One pose per accepted row, with `rejected` and `events` counted.
+
+    Raises:
+        LogSchema: If the log lacks a wheel or steering angle that the robot measures.
+        InputError: If ticks come without encoders.
+    """
+    described = robot if isinstance(robot, Robot) else Robot(drive=robot)
+    if log.wheels is None:
+        described = described.with_localizer(_twist_sensor())
+    way = Integrator.named(integrator)
+    single = Integrator.ARC if way is Integrator.SYMMETRIC else way
+    odometry = WheelOdometry(described, integrator=single, pose=pose, covariance=covariance, max_gap=max_gap)
+    if log.reading is Reading.TICKS and log.wheels is not None:
+        described.encoders_of(odometry.drive.measured_names)
+    return _Fold(odometry, _Rows.of(odometry.drive, log), way).run(log.rejected)
+
+
+def _twist_sensor() -> Kinematics:
+    """What a robot that publishes its own twist amounts to: two tracking wheels and a gyro at one point."""
+    places = {"vx": (0.0, 0.0, 0.0), "vy": (0.0, 0.0, math.pi / 2)}
+    return TrackingWheels(places, wheel_radius=1.0, measured=("vx", "vy", "gyro"))
+
+
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """The columns that a drive reads, in its order."""
+
+    time_ns: npt.NDArray[np.int64]
+    reading: Reading
+    wheels: Sequence[npt.NDArray[Any]]
+    steering: Sequence[Floats] = ()
+    yaw_rate: Floats | None = None
+
+    @classmethod
+    def of(cls, drive: Kinematics, log: WheelLog) -> _Rows:
+        if log.wheels is None:
+            assert log.twists is not None  # WheelLog has one or the other
+            vx, vy, omega = log.twists.T
+            return cls(log.time_ns, Reading.VELOCITY, (vx, vy), (), omega)
+        wheels = _pick("wheel", drive.measured_names, log.wheel_names, log.wheels, log.source)
+        steering: Sequence[Floats] = ()
+        if drive.steered_names:
+            names, angles = log.steering_names, log.steering
+            if angles is not None and len(names) == 1 < len(drive.steered_names):
+                steering = drive.expand_steering([angles[:, 0]], np)
+            elif angles is not None and len(names) == 1:
+                steering = [angles[:, 0]]
+            else:
+                steering = _pick("steering angle", drive.steered_names, names, angles, log.source)
+        return cls(log.time_ns, log.reading, wheels, steering, log.yaw_rate if drive.gyro else None)
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+    def turned(self, k: int, rows: slice, odometry: WheelOdometry) -> Floats:
+        """What wheel k turned [rad] in each of the rows since the row before it."""
+        column = self.wheels[k]
+        now, then = column[rows], column[rows.start - 1 : rows.stop - 1]
+        if self.reading is Reading.INCREMENT:
+            return now
+        if self.reading is Reading.TICKS:
+            encoder = odometry.encoders[k]
+            return count_differences(now, then, encoder.bits) * encoder.radians_per_tick
+        if self.reading is Reading.VELOCITY:
+            return 0.5 * self.seconds(rows) * (now + then)
+        return now - then
+
+    def seconds(self, rows: slice) -> Floats:
+        """How long each step took."""
+        return (self.time_ns[rows] - self.time_ns[rows.start - 1 : rows.stop - 1]) * 1e-9
+
+    def plain(self, odometry: WheelOdometry) -> npt.NDArray[np.bool_]:
+        """Whether each row is beyond doubt one step after the row before it."""
+        count = len(self)
+        good = np.zeros(count, dtype=bool)
+        if count < 2:
+            return good
+        elapsed = np.diff(self.time_ns)
+        sound = self._sound(odometry)
+        good[1:] = (elapsed >= CLOCK_RESOLUTION_NS) & (elapsed <= odometry.max_gap_ns) & sound[1:] & sound[:-1]
+        rows, seconds = slice(1, count), elapsed * 1e-9
+        with np.errstate(invalid="ignore", over="ignore"):
+            for k, (rate, slack) in enumerate(odometry.plausible.bounds):
+                good[1:] &= np.abs(self.turned(k, rows, odometry)) <= rate * seconds + slack
+            if self.reading is Reading.TICKS:
+                for k, encoder in enumerate(odometry.encoders):
+                    if encoder.bits is not None:
+                        half_range = abs(encoder.radians_per_tick) * 2.0 ** (encoder.bits - 1)
+                        good[1:] &= np.abs(self.turned(k, rows, odometry)) < half_range
+                        good[1:] &= odometry.plausible.declared[k] * seconds < half_range
+        return good
+
+    def _sound(self, odometry: WheelOdometry) -> npt.NDArray[np.bool_]:
+        """Whether every number of a row is finite, and every steering angle possible."""
+        sound = np.ones(len(self), dtype=bool)
+        for column in (*self.wheels, *(() if self.yaw_rate is None else (self.yaw_rate,))):
+            if column.dtype.kind == "f":
+                sound &= np.isfinite(column)
+        for bounds, column in zip(odometry.drive.steering_bounds, self.steering, strict=True):
+            with np.errstate(invalid="ignore"):
+                sound &= bounds.hold(column, np)
+        return sound
+
+
+class _Fold:
+    """One pass over the rows of a log."""
+
+    def __init__(self, odometry: WheelOdometry, rows: _Rows, integrator: Integrator) -> None:
+        self.odometry = odometry
+        self.rows = rows
+        self.integrator = integrator
+        count = len(rows)
+        self.time_ns = np.empty(count, dtype=np.int64)
+        self.poses, self.twists = np.empty((count, 3)), np.empty((count, 3))
+        self.upper = None if odometry.noise is None else np.empty((count, 6))
+        self.filled = 0
+
+    def run(self, lost: Mapping[str, int]) -> Trajectory:
+        """Fold everything; `lost` are rows that never reached us."""
+        odometry, count = self.odometry, len(self.rows)
+        plain = self.rows.plain(odometry)
+        # For each row, where the run of plain rows that it belongs to ends.
+        ends = np.append(np.flatnonzero(~plain), count)
+        row, in_step = 0, False
+        while row < count:
+            if in_step and plain[row]:
+                stop = int(ends[np.searchsorted(ends, row)])
+                if self.integrator is not Integrator.SYMMETRIC:
+                    stop = min(stop, row + BLOCK)
+                if self._block(slice(row, stop)):
+                    row = stop
+                    continue
+            in_step = self._single(row)
+            row += 1
+        return self._trajectory(lost)
+
+    def _single(self, row: int) -> bool:
+        rows, kind = self.rows, _ARGUMENT[self.rows.reading]
+        state = self.odometry.update(
+            time_ns=int(rows.time_ns[row]),
+            steering=[float(column[row]) for column in rows.steering],
+            yaw_rate=None if rows.yaw_rate is None else float(rows.yaw_rate[row]),
+            **{kind: [column[row].item() for column in rows.wheels]},
+        )
+        if state.accepted:
+            at, self.filled = self.filled, self.filled + 1
+            self.time_ns[at] = state.time_ns
+            self.poses[at] = state.pose.x, state.pose.y, state.pose.theta
+            self.twists[at] = state.twist.vx, state.twist.vy, state.twist.omega
+            if self.upper is not None:
+                self.upper[at] = state.upper
+        return state.accepted
+
+    def _block(self, rows: slice) -> bool:
+        """Fold a run of plain rows as arrays; False if their motion cannot be observed."""
+        odometry, data = self.odometry, self.rows
+        drive = odometry.drive
+        seconds = data.seconds(rows)
+        turned = [data.turned(k, rows, odometry) for k in range(len(data.wheels))]
+        before = slice(rows.start - 1, rows.stop - 1)
+        middle = [_midway(column[before], column[rows]) for column in data.steering]
+        turn = None
+        if data.yaw_rate is not None:
+            turn = 0.5 * seconds * (data.yaw_rate[before] + data.yaw_rate[rows])
+        elif drive.gyro and not drive.observable_without_gyro:
+            return False
+        try:
+            step = drive.displacement(turned, middle, turn, np)
+        except Unobservable:
+            return False
+        step = [np.broadcast_to(part, seconds.shape) for part in step]
+
+        raw, memory = step, odometry.memory
+        previous = None
+        if memory.before is not None and self.integrator is Integrator.ARC_PLUS:
+            previous = [np.array([part]) for part in (*memory.before, memory.before_ns * 1e-9)]
+        step = path.corrected(np, step, seconds, self.integrator, previous)
+        pose = path.poses(np, step, self.integrator, memory.pose)
+        out = slice(self.filled, self.filled + len(seconds))
+        self.filled = out.stop
+        self.time_ns[out] = data.time_ns[rows]
+        for k, column in enumerate(pose):
+            self.poses[out, k] = column
+        if data.reading is Reading.VELOCITY:
+            speeds = [column[rows] for column in data.wheels]
+            rate = None if data.yaw_rate is None else data.yaw_rate[rows]
+            twist = drive.displacement(speeds, [column[rows] for column in data.steering], rate, np)
+        else:
+            twist = [part / seconds for part in raw]
+        for k, column in enumerate(twist):
+            self.twists[out, k] = column
+        if self.upper is not None and odometry.noise is not None:
+            noise = odometry.noise(turned, middle, raw, seconds, turn is not None, np)
+            upper = path.covariances(np, step, noise, pose, memory.upper, memory.pose)
+            for k, column in enumerate(upper):
+                self.upper[out, k] = column
+        last = rows.stop - 1
+        odometry.resume(
+            count=len(seconds),
+            time_ns=int(data.time_ns[last]),
+            reading=[column[last].item() for column in data.wheels],
+            steering=[float(column[last]) for column in data.steering],
+            yaw_rate=None if data.yaw_rate is None else float(data.yaw_rate[last]),
+            memory=Memory(
+                pose=tuple(float(column[-1]) for column in pose),
+                twist=tuple(self.twists[out.stop - 1].tolist()),
+                upper=ZERO if self.upper is None else tuple(self.upper[out.stop - 1].tolist()),
+                before=tuple(float(part[-1]) for part in raw),
+                before_ns=int(data.time_ns[last] - data.time_ns[last - 1]),
+            ),
+        )
+        return True
+
+    def _trajectory(self, lost: Mapping[str, int]) -> Trajectory:
+        rejected = dict(lost)
+        for reason, count in self.odometry.rejected.items():
+            rejected[reason] = rejected.get(reason, 0) + count
+        return Trajectory(
+            time_ns=self.time_ns[: self.filled],
+            poses=self.poses[: self.filled],
+            twists=self.twists[: self.filled],
+            covariances=None if self.upper is None else self.upper[: self.filled][:, _FULL].reshape(-1, 3, 3),
+            rejected=rejected,
+            events=self.odometry.events,
+        )
+
+
+def integrate_batch(
+    drive: Kinematics,
+    positions: Array,
+    time_ns: Array | None = None,
+    steering: Array | None = None,
+    integrator: str | Integrator = Integrator.ARC_PLUS,
+    out: Array | None = None,
+) -> Array:
+    """Poses from wheel positions, for many robots at once, on any array library; nothing is checked.
+
+    Differentiable where the library is, in the positions and in the numbers that the drive was made
+    with.
+
+    Args:
+        drive: The drive of all of them.
+        positions: Cumulative wheel angles [rad], shape (..., steps, measured).
+        time_ns: Stamps [ns], shape (steps,); without them all steps take equally long.
+        steering: Angles at the stamps [rad], shape (..., steps, steered).
+        integrator: As for `WheelOdometry`; "symmetric" as well.
+        out: NumPy only: array of shape (..., steps, 3) to write to.
+
+    Returns:
+        Poses (x, y, theta), shape (..., steps, 3), beginning with the origin.
+
+    Raises:
+        ShapeError: If shapes do not fit.
+        Unobservable: If at some steering angles the motion cannot be observed.
+    """
+    xp = array_namespace(positions)
+    way = Integrator.named(integrator)
+    drive.check_batch(positions, steering)
+    if is_numpy_array(positions):
+        return _in_blocks(drive, positions, time_ns, steering, way, out)
+    if out is not None:
+        raise InputError("integrate_batch: out= is for NumPy arrays")
+    x, y, theta = _walk(xp, drive, positions, time_ns, steering, way)
+    start = xp.zeros_like(x[..., :1])
+    columns = [xp.concat([start, part], axis=-1) for part in (x, y, theta)]
+    return xp.stack(columns, axis=-1)
+
+
+def _walk(
+    xp: Any,
+    drive: Kinematics,
+    positions: Array,
+    time_ns: Array | None,
+    steering: Array | None,
+    way: Integrator,
+    start: Sequence[Any] = (0.0, 0.0, 0.0),
+    before: Sequence[Any] | None = None,
+) -> tuple[Array, Array, Array]:
+    """Poses after each step."""
+    turned = [positions[..., 1:, k] - positions[..., :-1, k] for k in range(positions.shape[-1])]
+    angles = [] if steering is None else [steering[..., k] for k in range(steering.shape[-1])]
+    if len(angles) != len(drive.steered_names):
+        angles = list(drive.expand_steering(angles, xp))
+    middle = [_midway(angle[..., :-1], angle[..., 1:], xp) for angle in angles]
+    step = drive.displacement(turned, middle, None, xp)
+    elapsed = None
+    if time_ns is not None:
+        elapsed = xp.astype(time_ns[1:] - time_ns[:-1], step[0].dtype)
+    step = path.corrected(xp, step, elapsed, way, before)
+    return path.poses(xp, step, way, start)
+
+
+def _in_blocks(
+    drive: Kinematics,
+    positions: Floats,
+    time_ns: Array | None,
+    steering: Floats | None,
+    way: Integrator,
+    out: Floats | None,
+) -> Floats:
+    """Robots in groups whose arrays fit into the cache together."""
+    shape = (*positions.shape[:-1], 3)
+    if out is None:
+        out = np.empty(shape)
+    elif out.shape != shape:
+        raise ShapeError(f"out: shape {out.shape}, must be {shape}")
+    steps = shape[-2]
+    robots = math.prod(shape[:-2])
+    flat, poses = positions.reshape(robots, steps, -1), out.reshape(robots, steps, 3)
+    turned = None if steering is None else steering.reshape(robots, steps, -1)
+    size = max(1, 4 * BLOCK // max(steps, 1))
+    poses[:, 0] = 0.0
+    for first in range(0, robots, size):
+        group = slice(first, first + size)
+        angles = None if turned is None else turned[group]
+        for k, part in enumerate(_walk(np, drive, flat[group], time_ns, angles, way)):
+            poses[group, 1:, k] = part
+    return out
+
+
+def _pick(
+    what: str, wanted: Sequence[str], names: Sequence[str], columns: Floats | None, source: str
+) -> list[Floats]:
+    """The wanted columns in the wanted order."""
+    chosen = []
+    for name in wanted:
+        if columns is None or name not in names:
+            raise LogSchema(source or "log", what, f"no {what} {name!r}; {did_you_mean(name, names)}")
+        chosen.append(columns[:, list(names).index(name)])
+    return chosen
+
+
+def _midway(then: Array, now: Array, xp: Any = np) -> Array:
+    """Steering angles at the middle of the step, by the shorter way round."""
+    change = now - then
+    return then + 0.5 * (change - math.tau * xp.round(change / math.tau))
+
+
+_FULL = [0, 1, 3, 1, 2, 4, 3, 4, 5]
+_ARGUMENT = {
+    Reading.POSITION: "positions",
+    Reading.INCREMENT: "increments",
+    Reading.VELOCITY: "velocities",
+    Reading.TICKS: "ticks",
+}
