@@ -12,13 +12,18 @@ import pytest
 import trundle as tr
 from trundle.geometry import se2
 
-LIBRARIES = {"numpy": "every", "array_api_strict": ".venv and .envs/jax", "jax": ".envs/jax", "torch": "no"}
+LIBRARIES = {
+    "numpy": "it is everywhere",
+    "array_api_strict": ".venv and .envs/jax have it",
+    "jax": ".envs/jax has it",
+    "torch": "no environment has it",
+}
 
 
 @pytest.fixture(scope="module", params=LIBRARIES)
 def library(request):
     """The array-API namespace of one library."""
-    why = f"{request.param} is not installed here ({LIBRARIES[request.param]} environment has it)"
+    why = f"{request.param} is not installed here ({LIBRARIES[request.param]})"
     module = pytest.importorskip(request.param, reason=why)
     if request.param == "jax":
         module.config.update("jax_enable_x64", True)
