@@ -1,0 +1,1 @@
+"""What people run: commands, pictures, loops, processes. Hardly any arithmetic."""

@@ -1,0 +1,238 @@
+"""Pictures: that they show what they should; whether they are good to look at is for eyes."""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import numpy as np
+import pytest
+
+from trundle.errors import InputError, MissingExtra, OutputError
+from trundle.geometry import Pose2D, se2
+from trundle.records import Reading, Trajectory, WheelLog
+from trundle.robot import Differential, Encoder, Robot
+
+pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+
+from trundle.apps.plot import plot_trajectory, save_plot
+from trundle.evaluate import transform
+
+SECOND = 1_000_000_000
+STAMPS = 1_700_000_000 * SECOND + np.arange(101) * (SECOND // 10)
+TIME = (STAMPS - STAMPS[0]) * 1e-9
+SPEEDS = np.array([3.0, 5.0])  # rad/s, left and right
+
+
+def arc(**columns):
+    poses = se2.exp(np.column_stack([0.5 * TIME, 0 * TIME, 0.3 * TIME]))
+    return Trajectory(time_ns=STAMPS, poses=poses, **columns)
+
+
+def lines(axis):
+    """Drawn curves by their name in the legend."""
+    return {line.get_label(): line.get_xydata() for line in axis.get_lines()}
+
+
+def texts(figure):
+    return " ".join(t.get_text() for axis in figure.axes for t in (axis.title, axis._left_title, *axis.texts))
+
+
+def test_the_map_shows_path_start_end_and_its_size():
+    trajectory = arc(frame="world")
+    figure = plot_trajectory(trajectory, title="A drive")
+    (axis,) = figure.axes
+    drawn = lines(axis)
+    np.testing.assert_array_equal(drawn["odometry"], trajectory.poses[:, :2])
+    np.testing.assert_array_equal(drawn["start"], trajectory.poses[:1, :2])
+    np.testing.assert_array_equal(drawn["end"], trajectory.poses[-1:, :2])
+    assert axis.get_xlabel() == "x in world [m]"
+    assert axis.get_aspect() == 1.0
+    assert "A drive" in texts(figure)
+    assert f"10.0 s  ·  {trajectory.distance:.2f} m driven" in texts(figure)
+
+
+def test_arrows_point_along_the_heading():
+    from matplotlib.quiver import Quiver
+
+    (arrows,) = (c for c in plot_trajectory(arc()).axes[0].collections if isinstance(c, Quiver))
+    assert 6 <= len(arrows.U) <= 40
+    found = {(round(float(x), 9), round(float(y), 9)) for x, y in arrows.get_offsets()}
+    assert found <= {(round(float(x), 9), round(float(y), 9)) for x, y in arc().poses[:, :2]}
+    # On this circle about (0, radius) the heading is the direction from its centre, plus 90 degrees.
+    x, y = np.asarray(arrows.get_offsets()).T
+    radius = 0.5 / 0.3
+    np.testing.assert_allclose(
+        np.arctan2(arrows.V, arrows.U), np.arctan2(x / radius, 1 - y / radius), atol=1e-9
+    )
+
+
+def test_ellipses_hold_95_percent_in_the_odom_frame():
+    covariance = np.array([[0.04, 0.01, 0.003], [0.01, 0.02, 0.0], [0.003, 0.0, 0.01]])
+    trajectory = arc(covariances=np.broadcast_to(covariance, (101, 3, 3)))
+    figure = plot_trajectory(trajectory)
+    (outlines,) = (c for c in figure.axes[0].collections if c.get_label() == "95 % uncertainty")
+    outline = outlines.get_paths()[-1].vertices
+    x, y, theta = trajectory.poses[-1]
+    c, s = math.cos(theta), math.sin(theta)
+    rotation = np.array([[c, -s], [s, c]])
+    inverse = np.linalg.inv(rotation @ covariance[:2, :2] @ rotation.T)
+    offset = outline - [x, y]
+    # Chi-square with two degrees of freedom is an exponential distribution: its 95 % point is -2 ln 0.05.
+    np.testing.assert_allclose(
+        np.einsum("ni,ij,nj->n", offset, inverse, offset), -2.0 * math.log(0.05), rtol=1e-3
+    )
+
+
+def test_the_reference_is_brought_into_the_frame_of_the_trajectory():
+    trajectory = arc()
+    moved = transform(trajectory, Pose2D(10.0, -4.0, 2.0), frame="map")
+    figure = plot_trajectory(trajectory, reference=moved)
+    np.testing.assert_allclose(
+        lines(figure.axes[0])["reference, aligned"], trajectory.poses[:, :2], atol=1e-12
+    )
+    assert "m RMSE from the reference" in texts(figure)
+
+
+def test_a_reference_that_cannot_be_aligned_is_not_drawn_and_the_picture_says_why():
+    late = Trajectory(time_ns=STAMPS + 3600 * SECOND, poses=arc().poses)
+    figure = plot_trajectory(arc(), reference=late)
+    assert "reference, aligned" not in lines(figure.axes[0])
+    assert "reference not drawn: estimate and reference have no time in common" in texts(figure).replace(
+        "\n", " "
+    )
+
+
+def robot():
+    drive = Differential(track_width=0.2, wheel_radius=0.042)
+    encoders = {
+        "left": Encoder(ticks_per_revolution=4000.0, bits=12),
+        "right": Encoder(ticks_per_revolution=1000.0, inverted=True),
+    }
+    return Robot(drive=drive, encoders=encoders)
+
+
+def wheel_log(reading):
+    angle = SPEEDS * TIME[:, None]
+    if reading is Reading.POSITION:
+        wheels = angle
+    elif reading is Reading.INCREMENT:
+        wheels = np.diff(angle, axis=0, prepend=0.0)
+    elif reading is Reading.VELOCITY:
+        wheels = np.broadcast_to(SPEEDS, angle.shape)
+    else:
+        ticks = np.round(angle / math.tau * [4000.0, -1000.0]).astype(np.int64)
+        wheels = np.column_stack([ticks[:, 0] % 4096, ticks[:, 1]])
+    return WheelLog(time_ns=STAMPS, wheel_names=("left", "right"), wheels=wheels, reading=reading)
+
+
+@pytest.mark.parametrize("reading", Reading)
+def test_wheel_speeds_are_in_radians_per_second_whatever_the_log_says(reading):
+    figure = plot_trajectory(arc(), log=wheel_log(reading), robot=robot())
+    axis = figure.axes[1]
+    assert axis.get_ylabel() == "wheel speed [rad/s]"
+    tick = math.tau / 1000.0 / 0.1 if reading is Reading.TICKS else 1e-9
+    for name, speed in zip(("left", "right"), SPEEDS, strict=True):
+        curve = lines(axis)[name]
+        np.testing.assert_allclose(curve[:, 0], TIME[1:], atol=1e-9)
+        np.testing.assert_allclose(curve[:, 1], speed, atol=tick)
+
+
+def test_ticks_stay_ticks_without_a_robot():
+    figure = plot_trajectory(arc(), log=wheel_log(Reading.TICKS))
+    assert figure.axes[1].get_ylabel() == "wheel speed [ticks/s]"
+    right = lines(figure.axes[1])["right"][:, 1]
+    assert right.mean() == pytest.approx(-5.0 / math.tau * 1000.0, rel=0.01)
+
+
+def test_steering_and_body_speeds_have_their_own_axes():
+    log = WheelLog(
+        time_ns=STAMPS, twists=np.column_stack([0.5 + 0 * TIME, 0 * TIME, 0.3 + 0 * TIME]),
+        steering_names=("front",), steering=np.sin(TIME)[:, None],
+    )  # fmt: skip
+    _, speeds, steering = plot_trajectory(arc(), log=log).axes
+    assert speeds.get_ylabel() == "body speed"
+    assert set(lines(speeds)) == {"forward [m/s]", "left [m/s]", "yaw rate [rad/s]"}
+    assert steering.get_ylabel() == "steering [rad]"
+    np.testing.assert_allclose(lines(steering)["front"][:, 1], np.sin(TIME))
+
+
+def test_hostile_rows_neither_stretch_the_axes_nor_draw_lines_back():
+    wheels = np.array(np.broadcast_to(SPEEDS, (101, 2)))
+    wheels += 0.1 * np.sin(TIME)[:, None]
+    wheels[10], wheels[20, 0], wheels[30, 1] = math.nan, 1e6, -1e6
+    stamps = STAMPS.copy()
+    stamps[40], stamps[50], stamps[60] = 0, STAMPS[50] + 10**18, STAMPS[55]
+    log = WheelLog(time_ns=stamps, wheel_names=("left", "right"), wheels=wheels, reading=Reading.VELOCITY)
+    figure = plot_trajectory(arc(), log=log)
+    axis = figure.axes[1]
+    for name in ("left", "right"):
+        time = lines(axis)[name][:, 0]
+        assert (np.diff(time) > 0.0).all()
+        assert time[-1] == pytest.approx(10.0)
+        assert len(time) == 96
+    assert max(np.abs(axis.get_ylim())) < 50.0
+    assert "2 samples beyond, -1e+06 to 1e+06" in texts(figure)
+
+
+def test_thousands_of_samples_are_drawn_as_their_mean_and_range():
+    count = 20_000
+    rng = np.random.default_rng(0)
+    stamps = STAMPS[0] + np.arange(count) * (SECOND // 100)
+    wheels = rng.normal(2.0, 0.1, (count, 1))
+    log = WheelLog(time_ns=stamps, wheel_names=("one",), wheels=wheels, reading=Reading.VELOCITY)
+    poses = se2.exp(np.column_stack([np.linspace(0, 20, count), np.zeros(count), np.linspace(0, 3, count)]))
+    figure = plot_trajectory(Trajectory(time_ns=stamps, poses=poses), log=log)
+    (curve,) = lines(figure.axes[1]).values()
+    assert len(curve) < 500
+    np.testing.assert_allclose(curve[:, 1], 2.0, atol=0.1)
+    (band,) = figure.axes[1].collections
+    assert band.get_paths()[0].vertices[:, 1].max() == pytest.approx(wheels[1:].max())
+
+
+@pytest.mark.parametrize("samples", [0, 1, 2])
+def test_next_to_nothing_is_drawn_too(samples, tmp_path):
+    trajectory = Trajectory(
+        time_ns=STAMPS[:samples], poses=np.zeros((samples, 3)), covariances=np.zeros((samples, 3, 3))
+    )
+    log = WheelLog(time_ns=STAMPS[:samples], wheel_names=("a",), wheels=np.zeros((samples, 1)))
+    reference = Trajectory(time_ns=STAMPS[:0], poses=np.zeros((0, 3)))
+    path = tmp_path / "small.png"
+    save_plot(plot_trajectory(trajectory, log=log, reference=reference), path)
+    assert path.stat().st_size > 1000
+
+
+@pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".PDF", b"%PDF")])
+def test_pictures_are_written_in_the_format_of_their_suffix(tmp_path, suffix, magic):
+    path = tmp_path / f"picture{suffix}"
+    path.write_bytes(b"old")
+    save_plot(plot_trajectory(arc()), path)
+    assert path.read_bytes().startswith(magic)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_pictures_that_cannot_be_written_leave_the_old_file(tmp_path, monkeypatch):
+    figure = plot_trajectory(arc())
+    with pytest.raises(InputError, match=r"\.png, \.svg, \.pdf"):
+        save_plot(figure, tmp_path / "picture.jpeg")
+    with pytest.raises(OutputError, match=r"nowhere"):
+        save_plot(figure, tmp_path / "nowhere" / "picture.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_matplotlib_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(MissingExtra, match=r"trundle\[plot\]"):
+        plot_trajectory(arc())
+
+
+def test_no_window_toolkit_and_no_pyplot_are_loaded():
+    import subprocess
+
+    code = (
+        "import sys\nimport numpy as np\nfrom trundle.apps.plot import Trajectory, plot_trajectory\n"
+        "assert 'matplotlib' not in sys.modules\n"
+        "plot_trajectory(Trajectory(time_ns=np.arange(3), poses=np.zeros((3, 3))))\n"
+        "assert 'matplotlib.pyplot' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
