@@ -12,6 +12,8 @@
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-print-directory
 
+unexport PYTHONPATH PYTHONHOME
+
 PYTHON ?= $(firstword $(foreach name,python3.11 python3 python,$(shell \
 	$(name) -c "import sys, venv; sys.exit(sys.version_info < (3, 11))" 2>/dev/null && echo $(name))))
 PIP_INSTALL = -m pip install -qq --no-compile --disable-pip-version-check
