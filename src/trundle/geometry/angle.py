@@ -30,4 +30,4 @@ def excess(angle: float) -> float:
     if abs(angle) > 0.05:
         return (angle - math.sin(angle)) / (angle * angle)
     square = angle * angle
-    return angle * (1.0 / 6.0 - square * (1.0 / 120.0 - square / 5040.0))
+    return angle * (1.0 / 6.0 - square * (1.0 / 120.0 - square * (1.0 / 5040.0 - square / 362880.0)))
