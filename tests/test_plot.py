@@ -52,6 +52,12 @@ def test_the_map_shows_path_start_end_and_its_size():
     assert f"10.0 s  ·  {trajectory.distance:.2f} m driven" in texts(figure)
 
 
+def test_names_are_not_formulas(tmp_path):
+    name = r"$\frac{left$"
+    log = WheelLog(time_ns=STAMPS, wheel_names=(name,), wheels=TIME[:, None])
+    save_plot(plot_trajectory(arc(frame=name), log=log, title=name), tmp_path / "odd.svg")
+
+
 def test_arrows_point_along_the_heading():
     from matplotlib.quiver import Quiver
 

@@ -82,7 +82,7 @@ def plot_trajectory(
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
 
-    _headline(axes[0], title, [f"{_facts(trajectory)}{remark}"])
+    _headline(axes[0], title, _facts(trajectory) + remark)
     _draw_path(axes[0], trajectory, aligned, low, high)
     for axis, panel in zip(axes[1:], panels, strict=True):
         axis.sharex(axes[1])
@@ -202,8 +202,8 @@ def _draw_path(
     axis.margins(0.0)
     axis.set_aspect("equal", adjustable="datalim")
     axis.ticklabel_format(useOffset=False, style="plain")
-    axis.set_xlabel(f"x in {trajectory.frame} [m]")
-    axis.set_ylabel(f"y in {trajectory.frame} [m]")
+    axis.set_xlabel(f"x in {trajectory.frame} [m]", parse_math=False)
+    axis.set_ylabel(f"y in {trajectory.frame} [m]", parse_math=False)
 
     ellipses = _ellipses(trajectory, _along(trajectory, _ELLIPSES))
     if len(ellipses):
@@ -355,22 +355,25 @@ def _style(axis: Axes) -> None:
     axis.tick_params(colors=_GREY, labelcolor=_INK, labelsize=9)
 
 
-def _headline(axis: Axes, title: str, facts: list[str]) -> None:
+def _headline(axis: Axes, title: str, facts: str) -> None:
     """Title, and below it, smaller, what there is to say in words; below that is room for a legend."""
-    lines = [line for fact in facts for line in textwrap.wrap(fact, 110)]
+    lines = textwrap.wrap(facts, 110)
     axis.annotate(
         "\n".join(lines), (0.0, 1.0), (0.0, 25.0), xycoords="axes fraction", textcoords="offset points",
-        fontsize=10, color=_GREY, va="bottom",
+        fontsize=10, color=_GREY, va="bottom", parse_math=False,
     )  # fmt: skip
     axis.set_title(
-        title, loc="left", fontsize=14, fontweight="bold", color=_INK, pad=31.0 + 14.0 * len(lines)
-    )
+        textwrap.fill(title, 70), loc="left", fontsize=14, fontweight="bold", color=_INK,
+        pad=31.0 + 14.0 * len(lines), parse_math=False,
+    )  # fmt: skip
 
 
 def _legend(axis: Axes) -> None:
-    """One row above the axes, where it hides nothing."""
+    """Rows of six above the axes, where they hide nothing."""
     count = len(axis.get_legend_handles_labels()[1])
-    axis.legend(
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=max(count, 1), frameon=False, markerscale=0.75, fontsize=9,
-        borderaxespad=0.1, borderpad=0.2, handlelength=1.6, columnspacing=1.6,
+    legend = axis.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=min(max(count, 1), 6), frameon=False,
+        markerscale=0.75, fontsize=9, borderaxespad=0.1, borderpad=0.2, handlelength=1.6, columnspacing=1.6,
     )  # fmt: skip
+    for text in legend.get_texts():  # wheels are named by people; a dollar in a name is no formula
+        text.set_parse_math(False)
