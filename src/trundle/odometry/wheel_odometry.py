@@ -260,7 +260,6 @@ class WheelOdometry:
             self._take_kind(kind)
         if yaw_rate is not None and not self.drive.gyro:
             raise InputError("update: yaw_rate given, but the drive declares no gyro; add 'gyro' to its measured=")
-        self.offered += 1
         if time is not None:
             try:
                 time_ns = round(time * 1e9)
@@ -305,7 +304,7 @@ class WheelOdometry:
         self.reset(Pose2D(*memory.pose), covariance=memory.upper)
         if self._commutes:
             self._before, self._before_ns = memory.before, memory.before_ns
-        self.offered += count
+        self.offered += count - 1
         self.accepted += count - 1
         self._accept(time_ns, reading, steering, yaw_rate, "")
 
@@ -406,6 +405,7 @@ class WheelOdometry:
     def _accept(
         self, time_ns: int, reading: Numbers, steering: Numbers, yaw_rate: float | None, reason: str
     ) -> OdometryState:
+        self.offered += 1
         self.accepted += 1
         self._strikes = 0
         self._time_ns = time_ns
@@ -478,6 +478,7 @@ class WheelOdometry:
         return self._reject(reason)
 
     def _reject(self, reason: str) -> OdometryState:
+        self.offered += 1
         self.rejected[reason] = self.rejected.get(reason, 0) + 1
         self._before = None
         if self._kind is Reading.INCREMENT and not reason.startswith("duplicate"):
