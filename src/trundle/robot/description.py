@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
@@ -52,7 +52,8 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         max_jerk: [m/s^3].
         max_wheel_speed: [rad/s].
         max_steering: Greatest steering angle either way [rad].
-        command_timeout: A command older than this stops the robot [s].
+        command_timeout: A command older than this stops the robot [s]. Only the word "never"
+            switches that off, and `warnings` says so.
     """
 
     max_speed: float | None = None
@@ -64,15 +65,28 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     max_jerk: float | None = None
     max_wheel_speed: float | None = None
     max_steering: float | None = None
-    command_timeout: float = 0.5
+    command_timeout: float | Literal["never"] = 0.5
 
     def __post_init__(self) -> None:
         for field in self.__struct_fields__:
             value = getattr(self, field)
-            if value is not None:
+            never_fits = field == "command_timeout"
+            if value != "never" if never_fits else value is not None:
                 require_positive(field, value)
         if self.max_steering is not None and self.max_steering > math.pi:
             raise ConfigError("max_steering", f"{self.max_steering:g} rad, must be <= pi; degrees?")
+
+    @property
+    def command_lifetime(self) -> float:
+        """Age at which a command stops the robot [s]; infinite where it never does."""
+        return math.inf if self.command_timeout == "never" else float(self.command_timeout)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a person must be told on every start."""
+        if self.command_timeout != "never":
+            return ()
+        return ("limits.command_timeout is never: the last command holds even when its source has died",)
 
 
 class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

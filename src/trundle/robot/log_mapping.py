@@ -167,6 +167,10 @@ class TwistMapping(_Section, frozen=True):
     topic: str | None = None
     columns: tuple[str | int, str | int, str | int] | None = None
 
+    def __post_init__(self) -> None:
+        if (self.columns is None) == (self.topic is None):
+            raise ConfigError("", "needs either columns: [vx, vy, omega] or topic")
+
 
 class ReferenceMapping(_Section, frozen=True):
     """Where the truth stands: a pose topic, or columns of the same table or of another file.

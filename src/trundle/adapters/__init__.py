@@ -1,0 +1,1 @@
+"""One file per format or library: what stands outside becomes nouns, and nouns go out."""

@@ -1,0 +1,359 @@
+"""A robot description as plain data (what YAML and JSON hold), and back."""
+
+from __future__ import annotations
+
+import enum
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import msgspec
+
+from trundle.adapters.quantity import ANGLE, LENGTH, POSITION, RADIUS, Quantity, read_number, read_quantity
+from trundle.adapters.typed_section import check_keys, read_list, read_mapping, read_struct, shown
+from trundle.errors import ConfigError, did_you_mean
+from trundle.robot import DRIVES, Custom, Encoder, Kinematics, Limits, LogMapping, Noise, Robot, Wheel
+from trundle.robot.log_mapping import ReferenceMapping, ScalarMapping, WheelMapping
+
+__all__ = ["SECTIONS", "robot_from_data", "robot_to_data"]
+
+SECTIONS = ("name", "drive", "localizer", "encoders", "limits", "noise", "log")
+
+Data = dict[str, Any]
+Reader = Callable[[str, Any], Any]
+
+
+def robot_from_data(data: Any) -> Robot:
+    """The robot that plain data describe. What is not said has its default.
+
+    Args:
+        data: Mappings, lists, texts, numbers, booleans and None, as YAML or JSON give them.
+
+    Raises:
+        ConfigError: If it describes no robot; the error's field is the path of the value.
+    """
+    if data is None:
+        raise ConfigError("", "empty; the least is  drive: {type: ..., ...}")
+    sections = read_mapping("", data)
+    check_keys("", sections, SECTIONS)
+    if "drive" not in sections:
+        raise ConfigError("drive", "missing; the least is  drive: {type: ..., ...}")
+    name = sections.get("name", "robot")
+    if not isinstance(name, str) or not name:
+        raise ConfigError("name", f"{name!r}, must be text; write it in quotes")
+    limits = _read_limits(sections.get("limits", {}))
+    drive = _read_drive("drive", sections["drive"], limits)
+    localizer = _read_drive("localizer", sections["localizer"], limits) if "localizer" in sections else None
+    both = [drive] if localizer is None else [drive, localizer]
+    return Robot(
+        drive=drive,
+        name=name,
+        encoders=_read_encoders(sections.get("encoders", {}), both),
+        limits=limits,
+        noise=read_struct("noise", sections.get("noise", {}), Noise, {"steering": ANGLE}),
+        log=_read_log(sections.get("log", {}), both),
+        localizer=localizer,
+    )
+
+
+# ------------------------------------------------------------------------------------- drives
+
+
+def _read_drive(path: str, value: Any, limits: Limits) -> Kinematics:
+    given = read_mapping(path, value)
+    if "type" not in given:
+        raise ConfigError(f"{path}.type", f"missing; known: {', '.join(DRIVES)}")
+    word = given["type"]
+    if word not in DRIVES:
+        raise ConfigError(f"{path}.type", f"{word!r}, {did_you_mean(str(word), DRIVES)}")
+    drive = DRIVES[word]
+    wanted = inspect.signature(drive).parameters
+    check_keys(path, given, ("type", *wanted))
+    arguments: dict[str, Any] = {}
+    for key, parameter in wanted.items():
+        if key in given:
+            nothing = given[key] is None and parameter.default is None
+            arguments[key] = None if nothing else _parameter_reader(drive, key)(f"{path}.{key}", given[key])
+        elif key == "max_steering" and limits.max_steering is not None:
+            arguments[key] = limits.max_steering
+        elif parameter.default is inspect.Parameter.empty:
+            raise ConfigError(f"{path}.{key}", f"missing; a {word} drive needs it")
+    try:
+        return drive(**arguments)
+    except ConfigError as error:
+        raise error.inside(path) from None
+
+
+def _quantity(quantity: Quantity) -> Reader:
+    return lambda path, value: read_quantity(path, value, quantity)
+
+
+def _read_radius(path: str, value: Any) -> float | dict[str, float]:
+    """One radius, or one by wheel name."""
+    if isinstance(value, Mapping):
+        return {name: read_quantity(f"{path}.{name}", one, RADIUS) for name, one in value.items()}
+    return read_quantity(path, value, RADIUS)
+
+
+def _read_row(path: str, value: Any, *quantities: Quantity) -> tuple[float, ...]:
+    """As many numbers as there are quantities."""
+    if not isinstance(value, list | tuple) or len(value) != len(quantities):
+        raise ConfigError(path, f"{shown(value)}, must be a list of {len(quantities)} numbers")
+    return tuple(
+        read_quantity(f"{path}[{k}]", one, quantity)
+        for k, (one, quantity) in enumerate(zip(value, quantities, strict=True))
+    )
+
+
+def _row(*quantities: Quantity) -> Reader:
+    return lambda path, value: _read_row(path, value, *quantities)
+
+
+def _places(*quantities: Quantity) -> Reader:
+    """A list of rows, or rows by name."""
+
+    def read(path: str, value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {name: _read_row(f"{path}.{name}", row, *quantities) for name, row in value.items()}
+        return tuple(
+            _read_row(f"{path}[{k}]", row, *quantities) for k, row in enumerate(read_list(path, value))
+        )
+
+    return read
+
+
+def _read_whole_number(path: str, value: Any) -> int:
+    if read_number(path, value) != value or not isinstance(value, int):
+        raise ConfigError(path, f"{value}, must be a whole number")
+    return value
+
+
+def _read_names(path: str, value: Any) -> str | tuple[str, ...]:
+    if isinstance(value, str):
+        return value
+    for k, name in enumerate(read_list(path, value)):
+        _read_text(f"{path}[{k}]", name)
+    return tuple(value)
+
+
+def _read_text(path: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise ConfigError(path, f"{shown(value)}, must be text")
+    return value
+
+
+def _read_flag(path: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ConfigError(path, f"{shown(value)}, must be true or false")
+    return value
+
+
+_WHEEL_READERS: dict[str, Reader] = {
+    "name": _read_text,
+    "x": _quantity(POSITION),
+    "y": _quantity(POSITION),
+    "radius": _quantity(RADIUS),
+    "heading": _quantity(ANGLE),
+    "kind": _read_text,
+    "free_direction": _quantity(ANGLE),
+    "steering_range": _row(ANGLE, ANGLE),
+    "driven": _read_flag,
+}
+
+
+def _read_wheels(path: str, value: Any) -> tuple[Wheel, ...]:
+    return tuple(_read_wheel(f"{path}[{k}]", one) for k, one in enumerate(read_list(path, value)))
+
+
+def _read_wheel(path: str, value: Any) -> Wheel:
+    given = read_mapping(path, value)
+    check_keys(path, given, _WHEEL_READERS)
+    for key in ("name", "x", "y", "radius"):
+        if key not in given:
+            raise ConfigError(f"{path}.{key}", "missing; every wheel needs it")
+    try:
+        return Wheel(**{key: _WHEEL_READERS[key](f"{path}.{key}", one) for key, one in given.items()})
+    except ConfigError as error:
+        if error.field.startswith(path):
+            raise
+        raise error.inside(path) from None
+
+
+_READERS: dict[str, Reader] = {
+    "track_width": _quantity(LENGTH),
+    "wheelbase": _quantity(LENGTH),
+    "robot_radius": _quantity(LENGTH),
+    "wheel_radius": _read_radius,
+    "icr_left": _quantity(POSITION),
+    "icr_right": _quantity(POSITION),
+    "icr_x": _quantity(POSITION),
+    "front_y": _quantity(POSITION),
+    "max_steering": _quantity(ANGLE),
+    "first_wheel_angle": _quantity(ANGLE),
+    "wheel_count": _read_whole_number,
+    "modules": _places(POSITION, POSITION),
+    "wheels": _places(POSITION, POSITION, ANGLE),
+    "measured": _read_names,
+    "reference": _row(POSITION, POSITION),
+}
+
+
+def _parameter_reader(drive: type[Kinematics], key: str) -> Reader:
+    return _read_wheels if drive is Custom and key == "wheels" else _READERS[key]
+
+
+# ----------------------------------------------------------------------------------- encoders
+
+
+def _read_encoders(value: Any, drives: Sequence[Kinematics]) -> dict[str, Encoder]:
+    """Encoders by wheel, from defaults for all measured wheels and entries by wheel name."""
+    given = read_mapping("encoders", value)
+    known = Encoder.__struct_fields__
+    wheels = [name for drive in drives for name in drive.wheel_names]
+    check_keys("encoders", given, (*known, *wheels))
+    defaults = {key: one for key, one in given.items() if key in known}
+    own = {name: read_mapping(f"encoders.{name}", one) for name, one in given.items() if name not in known}
+    inverted = defaults.pop("inverted", False)
+    if not isinstance(inverted, bool):
+        for k, name in enumerate(read_list("encoders.inverted", inverted, "true, false or a list of wheels")):
+            if name not in wheels:
+                raise ConfigError(f"encoders.inverted[{k}]", f"{name!r}, {did_you_mean(str(name), wheels)}")
+    measured = [name for drive in drives for name in drive.measured_names] if defaults else []
+    if defaults:  # said once, so checked where it was said
+        read_struct("encoders", {"ticks_per_revolution": 1.0, **defaults}, Encoder)
+    encoders = {}
+    for name in dict.fromkeys([*measured, *own]):
+        counts_down = inverted if isinstance(inverted, bool) else name in inverted
+        entry = {"inverted": counts_down, **defaults, **own.get(name, {})}
+        if "ticks_per_revolution" not in entry:
+            raise _missing_ticks(f"encoders.{name}")
+        encoders[name] = read_struct(f"encoders.{name}", entry, Encoder)
+    if inverted and not encoders:
+        raise _missing_ticks("encoders")
+    return encoders
+
+
+def _missing_ticks(path: str) -> ConfigError:
+    return ConfigError(f"{path}.ticks_per_revolution", "missing; counts per turn of the wheel")
+
+
+# ------------------------------------------------------------------------------ typed sections
+
+
+def _read_limits(value: Any) -> Limits:
+    given = read_mapping("limits", value)
+    timeout = given.get("command_timeout", 0.5)
+    if isinstance(timeout, str) and timeout != "never":
+        raise ConfigError("limits.command_timeout", f"{timeout!r}, must be seconds > 0, or the word never")
+    if timeout is None:
+        raise ConfigError("limits.command_timeout", "empty, must be seconds > 0, or the word never")
+    return read_struct("limits", given, Limits, {"max_steering": ANGLE})
+
+
+def _read_log(value: Any, drives: Sequence[Kinematics]) -> LogMapping:
+    given = dict(read_mapping("log", value))
+    wheels = [name for drive in drives for name in drive.wheel_names]
+    steered = [name for drive in drives for name in drive.steered_names]
+    entries: dict[str, Any] = {}
+    for key, shape, names in (("wheels", WheelMapping, wheels), ("steering", ScalarMapping, steered)):
+        columns = read_mapping(f"log.{key}", given.pop(key, {}))
+        if key == "wheels" or len(columns) > 1:  # one steering angle may stand for all steered wheels
+            check_keys(f"log.{key}", columns, names)
+        entries[key] = {name: read_struct(f"log.{key}.{name}", one, shape) for name, one in columns.items()}
+    reference = given.pop("reference", None)
+    if reference is not None:
+        entries["reference"] = _read_reference("log.reference", reference)
+    return msgspec.structs.replace(read_struct("log", given, LogMapping), **entries)
+
+
+def _read_reference(path: str, value: Any) -> ReferenceMapping:
+    given = dict(read_mapping(path, value))
+    if "mounting" in given:
+        given["mounting"] = _read_row(f"{path}.mounting", given["mounting"], POSITION, POSITION, ANGLE)
+    return read_struct(path, given, ReferenceMapping)
+
+
+# ------------------------------------------------------------------------------------ writing
+
+
+def robot_to_data(robot: Robot) -> Data:
+    """Plain data from which `robot_from_data` makes the same robot; defaults are left out."""
+    sections = {
+        "name": None if robot.name == "robot" else robot.name,
+        "drive": _drive_data(robot.drive, robot.limits),
+        "localizer": None if robot.localizer is None else _drive_data(robot.localizer, robot.limits),
+        "encoders": _encoder_data(robot),
+        "limits": _changed(robot.limits),
+        "noise": _changed(robot.noise),
+        "log": _changed(robot.log),
+    }
+    return {key: value for key, value in sections.items() if value not in (None, {})}
+
+
+def _drive_data(drive: Kinematics, limits: Limits) -> Data:
+    if type(drive) is Kinematics:
+        raise ConfigError("drive", "has no name; make it Custom(wheels=...) to write it down")
+    wanted = inspect.signature(type(drive)).parameters
+    measured = _measured(drive, wanted["measured"].default)
+    given = {**drive.parameters, "reference": drive.reference, "measured": measured}
+    implied = {key: parameter.default for key, parameter in wanted.items()}
+    if "max_steering" in wanted:
+        implied["max_steering"] = limits.max_steering
+    said = {key: given[key] for key in wanted if given[key] != implied[key]}
+    return {"type": drive.type_name, **_plain(said)}
+
+
+def _measured(drive: Kinematics, default: Any) -> Any:
+    """What `measured` must say: the default where that is what is measured."""
+    names = (*drive.measured_names, *(("gyro",) if drive.gyro else ()))
+    usual = (default,) if isinstance(default, str) else default or drive.wheel_names
+    return default if names == usual else names
+
+
+def _encoder_data(robot: Robot) -> Data:
+    """Defaults where all measured wheels agree, and what is left by wheel name."""
+    encoders = {name: _changed(encoder) for name, encoder in robot.encoders.items()}
+    drives = [robot.drive] if robot.localizer is None else [robot.drive, robot.localizer]
+    measured = {name for drive in drives for name in drive.measured_names}
+    if not measured or not measured <= set(encoders):
+        return encoders
+    first = encoders[next(iter(encoders))]
+    shared: Data = {
+        key: first[key]
+        for key in ("ticks_per_revolution", "bits")
+        if key in first and all(entry.get(key) == first[key] for entry in encoders.values())
+    }
+    if "ticks_per_revolution" not in shared:
+        return encoders
+    inverted = [name for name, entry in encoders.items() if entry.pop("inverted", False)]
+    own = {
+        name: rest
+        for name, entry in encoders.items()
+        if (rest := {key: value for key, value in entry.items() if key not in shared}) or name not in measured
+    }
+    return {**shared, **({"inverted": inverted} if inverted else {}), **own}
+
+
+def _changed(struct: Any) -> Data:
+    """Fields that differ from their defaults, as plain data."""
+    said = {}
+    for field in msgspec.structs.fields(struct):
+        made = field.default_factory
+        default = field.default if made is msgspec.NODEFAULT else made()
+        value = getattr(struct, field.name)
+        if default is msgspec.NODEFAULT or value != default:
+            said[field.name] = _plain(value)
+    return said
+
+
+def _plain(value: Any) -> Any:
+    """Structs, enums, tuples and mappings as mappings, lists and scalars."""
+    if isinstance(value, msgspec.Struct):
+        return _changed(value)
+    if isinstance(value, enum.Enum):
+        return value.value
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    return value

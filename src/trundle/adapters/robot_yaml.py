@@ -1,0 +1,208 @@
+"""robot.yaml: read with errors that say where, written back with the user's comments kept.
+
+Writing changes as little of the text as it can. Values that changed are replaced where they stand, and nothing
+else moves by one character. Where keys come or go, ruamel.yaml's round trip makes room. Where that does not say
+the same robot (an encoder that differs from the user's defaults, say), the section is written anew. Each try is
+read back and compared before it counts.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+from trundle.adapters.atomic import atomic_path
+from trundle.adapters.robot_data import robot_from_data, robot_to_data
+from trundle.adapters.yaml_document import YamlDocument, parse_yaml, resolve_plain
+from trundle.errors import ConfigError
+from trundle.robot import Robot
+
+__all__ = ["load_robot", "robot_text", "save_robot"]
+
+MOST_READ = (1 << 20) + 1  # one byte more than is allowed, so that too much is seen
+
+
+def load_robot(path: str | Path) -> Robot:
+    """The robot that a file describes. What it does not say has its default.
+
+    Lengths and angles are numbers in m and rad, or texts with their unit: `65 mm`, `2.5 in`, `30 deg`.
+
+    Args:
+        path: A YAML 1.2 file.
+
+    Raises:
+        ConfigError: If it cannot be read or describes no robot; the message says file, field, value, what is
+            allowed, and the line.
+    """
+    return _described(parse_yaml(_read(Path(path)), str(path)))
+
+
+def save_robot(robot: Robot, path: str | Path, *, like: str | Path | None = None) -> None:
+    """Write a robot's description: the old file or the complete new one, never a part.
+
+    Args:
+        robot: What to write.
+        path: Where to. A description that is there already is brought up to date: its comments, order and
+            spelling stay, and only what differs is changed.
+        like: Another description whose text is the one to start from; `path` is replaced then.
+
+    Raises:
+        ConfigError: If the file to start from is no robot description. Nothing is written then.
+        OutputError: If the file cannot be written.
+    """
+    target = Path(path)
+    start = Path(like) if like is not None else target if target.exists() else None
+    text = robot_text(robot) if start is None else robot_text(robot, _read(start), source=str(start))
+    with atomic_path(target, force=True) as temporary:
+        temporary.write_bytes(text.encode())
+
+
+def robot_text(robot: Robot, old: bytes | None = None, *, source: str = "") -> str:
+    """The text of a description.
+
+    Args:
+        robot: What it shall say.
+        old: A description to change as little as possible; None for a fresh one.
+        source: Name of the old one, for messages.
+
+    Raises:
+        ConfigError: If the old one is no robot description, or the robot cannot be written down.
+    """
+    wanted = robot_to_data(robot)
+    if old is None:
+        return _dumped(_emittable(wanted))
+    document = parse_yaml(old, source)
+    present = robot_to_data(_described(document))
+    changes = list(_changes(present, wanted))
+    sections: list[Change] = [((path[0],), wanted.get(str(path[0]))) for path, _ in changes]
+    for text in (_replaced(document, changes), _rebuilt(document, changes), _rebuilt(document, sections)):
+        if text is not None and _says(text, wanted):
+            return text
+    problem = "this robot cannot be written as a description that reads back the same"
+    raise ConfigError("", problem, source=source)
+
+
+Place = tuple[str | int, ...]
+Change = tuple[Place, Any]  # None: what stood there is gone
+
+
+def _says(text: str, wanted: dict[str, Any]) -> bool:
+    try:
+        return robot_to_data(robot_from_data(parse_yaml(text.encode(), "").data)) == wanted
+    except ConfigError:
+        return False
+
+
+def _changes(old: Any, new: Any, path: Place = ()) -> Iterator[Change]:
+    """The smallest values that differ, and where."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in dict.fromkeys((*old, *new)):
+            yield from _changes(old.get(key), new.get(key), (*path, key))
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for index, (one, other) in enumerate(zip(old, new, strict=True)):
+            yield from _changes(one, other, (*path, index))
+    elif old != new:
+        yield path, new
+
+
+def _replaced(document: YamlDocument, changes: list[Change]) -> str | None:
+    """The text with values replaced where they stand; None where one has no place of its own."""
+    text = document.text
+    pieces = []
+    for path, value in changes:
+        span = document.spans.get(_dotted(path))
+        if value is None or span is None or span.stop is None:
+            return None
+        pieces.append((span.start, span.stop, _flow(value)))
+    for start, stop, piece in sorted(pieces, reverse=True):
+        text = text[:start] + (" " if start == stop else "") + piece + text[stop:]
+    return text
+
+
+def _dotted(path: Place) -> str:
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).removeprefix(".")
+
+
+def _rebuilt(document: YamlDocument, changes: list[Change]) -> str | None:
+    """The text with keys added and taken away, its comments kept; lines may be laid out anew."""
+    tree = _round_trip().load(document.text)
+    for path, value in changes:
+        holder = tree
+        for part in path[:-1]:
+            if isinstance(holder, dict) and not isinstance(holder.get(part), dict | list):
+                holder[part] = {}
+            holder = holder[part]
+        if value is not None:
+            holder[path[-1]] = _emittable(value)
+        elif isinstance(holder, dict):
+            holder.pop(path[-1], None)
+        else:
+            return None
+    return _dumped(tree)
+
+
+def _round_trip() -> Any:
+    from ruamel.yaml import YAML
+
+    yaml = YAML(typ="rt", pure=True)
+    yaml.preserve_quotes = True
+    yaml.width = 110
+    yaml.default_flow_style = None
+    return yaml
+
+
+def _dumped(tree: Any) -> str:
+    stream = StringIO()
+    _round_trip().dump(tree, stream)
+    return stream.getvalue()
+
+
+def _flow(value: Any) -> str:
+    """A value on one line, fit for any place."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_flow(key)}: {_flow(one)}" for key, one in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_flow, value)) + "]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return value if _PLAIN.fullmatch(value) and resolve_plain(value) == value else json.dumps(value)
+    return "null" if value is None else repr(value)
+
+
+def _emittable(value: Any) -> Any:
+    """The value with quotes around every text that would not read back as itself without them."""
+    from ruamel.yaml.scalarstring import DoubleQuotedScalarString
+
+    if isinstance(value, dict):
+        return {_emittable(key): _emittable(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_emittable(one) for one in value]
+    if isinstance(value, str) and not (_PLAIN.fullmatch(value) and resolve_plain(value) == value):
+        return DoubleQuotedScalarString(value)
+    return value
+
+
+_PLAIN = re.compile(r"[A-Za-z_/.][A-Za-z0-9_/. +-]*(?<! )")
+
+
+def _described(document: YamlDocument) -> Robot:
+    try:
+        return robot_from_data(document.data)
+    except ConfigError as error:
+        raise document.located(error) from None
+
+
+def _read(path: Path) -> bytes:
+    try:
+        if path.exists() and not path.is_file():
+            raise ConfigError("", "is not a file; a robot description is wanted", source=str(path))
+        with path.open("rb") as file:
+            return file.read(MOST_READ)
+    except (OSError, ValueError) as error:
+        problem = getattr(error, "strerror", None) or str(error)
+        raise ConfigError("", f"cannot be read: {problem}", source=str(path)) from None
