@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from array_api_compat import array_namespace, is_numpy_array
+from array_api_compat import numpy as standard  # the array API, on NumPy 1.26 too
 
 from trundle.errors import InputError, LogSchema, ShapeError, Unobservable, did_you_mean
 from trundle.geometry import Pose2D
@@ -229,8 +230,8 @@ class _Fold:
         previous = None
         if memory.before is not None and self.integrator is Integrator.ARC_PLUS:
             previous = [np.array([part]) for part in (*memory.before, memory.before_ns * 1e-9)]
-        step = path.corrected(np, step, seconds, self.integrator, previous)
-        pose = path.poses(np, step, self.integrator, memory.pose)
+        step = path.corrected(standard, step, seconds, self.integrator, previous)
+        pose = path.poses(standard, step, self.integrator, memory.pose)
         out = slice(self.filled, self.filled + len(seconds))
         self.filled = out.stop
         self.time_ns[out] = data.time_ns[rows]
@@ -246,7 +247,7 @@ class _Fold:
             self.twists[out, k] = column
         if self.upper is not None and odometry.noise is not None:
             noise = odometry.noise(turned, middle, raw, seconds, turn is not None, np)
-            upper = path.covariances(np, step, noise, pose, memory.upper, memory.pose)
+            upper = path.covariances(standard, step, noise, pose, memory.upper, memory.pose)
             for k, column in enumerate(upper):
                 self.upper[out, k] = column
         last = rows.stop - 1
@@ -368,7 +369,7 @@ def _in_blocks(
     for first in range(0, robots, size):
         group = slice(first, first + size)
         angles = None if turned is None else turned[group]
-        for k, part in enumerate(_walk(np, drive, flat[group], time_ns, angles, way)):
+        for k, part in enumerate(_walk(standard, drive, flat[group], time_ns, angles, way)):
             poses[group, 1:, k] = part
     return out
 
