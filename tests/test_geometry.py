@@ -1,4 +1,4 @@
-"""SE(2): scalars and arrays against each other, against 50-digit arithmetic and against finite differences."""
+"""SE(2): scalars and arrays against each other, 50-digit arithmetic and finite differences."""
 
 from __future__ import annotations
 
@@ -18,9 +18,7 @@ lengths = st.floats(-1e3, 1e3)
 # Every size of angle up to pi, near-identity on purpose.
 angles = st.one_of(
     st.floats(-math.pi, math.pi),
-    st.builds(
-        lambda sign, power: sign * 10.0**power, st.sampled_from([-1.0, 1.0]), st.floats(-300.0, 0.0)
-    ),
+    st.builds(lambda sign, power: sign * 10.0**power, st.sampled_from([-1.0, 1.0]), st.floats(-300.0, 0.0)),
     st.sampled_from([0.0, 1e-300, -1e-300, 5e-324, math.pi, math.nextafter(math.pi, 0.0), math.pi / 2]),
 )
 poses = st.builds(Pose2D, lengths, lengths, angles)
@@ -88,7 +86,9 @@ def test_scalars_and_arrays_agree(first: Pose2D, second: Pose2D) -> None:
     np.testing.assert_allclose(
         se2.compose(a, b), [composed.x, composed.y, composed.theta], rtol=1e-15, atol=1e-12
     )
-    np.testing.assert_allclose(se2.inverse(a), [inverted.x, inverted.y, inverted.theta], rtol=1e-15, atol=1e-12)
+    np.testing.assert_allclose(
+        se2.inverse(a), [inverted.x, inverted.y, inverted.theta], rtol=1e-15, atol=1e-12
+    )
     np.testing.assert_allclose(se2.adjoint(a), first.adjoint(), rtol=1e-15, atol=1e-12)
 
 
@@ -106,7 +106,10 @@ def test_adjoint_moves_twists_between_frames(pose: Pose2D, vx: float, vy: float,
     """T exp(t) T^-1 = exp(Ad t), to first order in a small t."""
     small = Twist2D(vx, vy, omega) * 1e-9
     direct = pose @ Pose2D.exp(small) @ pose.inverse()
-    moved = [sum(a * b for a, b in zip(row, (small.vx, small.vy, small.omega), strict=True)) for row in pose.adjoint()]
+    moved = [
+        sum(a * b for a, b in zip(row, (small.vx, small.vy, small.omega), strict=True))
+        for row in pose.adjoint()
+    ]
     size = (1.0 + math.hypot(pose.x, pose.y)) * 1e-12
     assert abs(direct.x - moved[0]) < size
     assert abs(direct.y - moved[1]) < size
@@ -171,7 +174,7 @@ def test_headings_are_not_wrapped_by_composition() -> None:
     ],
 )
 def test_curvature_needs_no_radius(twist: Twist2D, curvature: float) -> None:
-    assert twist.curvature == curvature or math.isnan(curvature) and math.isnan(twist.curvature)
+    assert twist.curvature == curvature or (math.isnan(curvature) and math.isnan(twist.curvature))
 
 
 def test_twist_of_another_point_of_the_body() -> None:

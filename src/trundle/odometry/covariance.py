@@ -19,7 +19,18 @@ from typing import Any
 
 from trundle.geometry.angle import excess, sinc
 
-__all__ = ["ZERO", "Matrix", "Six", "in_odom_frame", "mapped", "matrix", "outer", "propagate", "rotated", "weighted_sum"]
+__all__ = [
+    "ZERO",
+    "Matrix",
+    "Six",
+    "in_odom_frame",
+    "mapped",
+    "matrix",
+    "outer",
+    "propagate",
+    "rotated",
+    "weighted_sum",
+]
 
 Six = tuple[float, float, float, float, float, float]
 """Upper triangle of a symmetric 3 x 3 matrix: xx, xy, yy, x-theta, y-theta, theta-theta."""

@@ -19,9 +19,9 @@ from array_api_compat import numpy as standard  # the array API, on NumPy 1.26 t
 from trundle.errors import InputError, LogSchema, ShapeError, Unobservable, did_you_mean
 from trundle.geometry import Pose2D
 from trundle.odometry import path
+from trundle.odometry.covariance import ZERO
 from trundle.odometry.encoder_counts import count_differences
 from trundle.odometry.integrator import Integrator
-from trundle.odometry.covariance import ZERO
 from trundle.odometry.wheel_odometry import CLOCK_RESOLUTION_NS, Memory, WheelOdometry
 from trundle.records import Reading, Trajectory, WheelLog
 from trundle.robot import Kinematics, Robot, TrackingWheels
@@ -29,7 +29,7 @@ from trundle.robot import Kinematics, Robot, TrackingWheels
 __all__ = ["integrate", "integrate_batch"]
 
 Array = Any
-Floats = npt.NDArray[np.float64]
+Floats = npt.NDArray[Any]
 
 BLOCK = 4096  # rows at a time: what their arrays take fits into the second-level cache
 
@@ -67,7 +67,7 @@ def integrate(
     single = Integrator.ARC if way is Integrator.SYMMETRIC else way
     odometry = WheelOdometry(described, integrator=single, pose=pose, covariance=covariance, max_gap=max_gap)
     if log.reading is Reading.TICKS and log.wheels is not None:
-        described.encoders_of(odometry.drive.measured_names)
+        odometry.encoders = described.encoders_of(odometry.drive.measured_names)
     return _Fold(odometry, _Rows.of(odometry.drive, log), way).run(log.rejected)
 
 
@@ -108,7 +108,7 @@ class _Rows:
     def __len__(self) -> int:
         return len(self.time_ns)
 
-    def turned(self, k: int, rows: slice, odometry: WheelOdometry) -> Floats:
+    def turned(self, k: int, rows: slice, odometry: WheelOdometry) -> Array:
         """What wheel k turned [rad] in each of the rows since the row before it."""
         column = self.wheels[k]
         now, then = column[rows], column[rows.start - 1 : rows.stop - 1]
@@ -133,7 +133,9 @@ class _Rows:
             return good
         elapsed = np.diff(self.time_ns)
         sound = self._sound(odometry)
-        good[1:] = (elapsed >= CLOCK_RESOLUTION_NS) & (elapsed <= odometry.max_gap_ns) & sound[1:] & sound[:-1]
+        good[1:] = (
+            (elapsed >= CLOCK_RESOLUTION_NS) & (elapsed <= odometry.max_gap_ns) & sound[1:] & sound[:-1]
+        )
         rows, seconds = slice(1, count), elapsed * 1e-9
         with np.errstate(invalid="ignore", over="ignore"):
             for k, (rate, slack) in enumerate(odometry.plausible.bounds):
@@ -191,12 +193,13 @@ class _Fold:
         return self._trajectory(lost)
 
     def _single(self, row: int) -> bool:
-        rows, kind = self.rows, _ARGUMENT[self.rows.reading]
+        rows = self.rows
+        reading: dict[str, Any] = {_ARGUMENT[rows.reading]: [column[row].item() for column in rows.wheels]}
         state = self.odometry.update(
             time_ns=int(rows.time_ns[row]),
             steering=[float(column[row]) for column in rows.steering],
             yaw_rate=None if rows.yaw_rate is None else float(rows.yaw_rate[row]),
-            **{kind: [column[row].item() for column in rows.wheels]},
+            **reading,
         )
         if state.accepted:
             at, self.filled = self.filled, self.filled + 1

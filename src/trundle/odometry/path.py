@@ -19,7 +19,9 @@ Array = Any
 Columns = Sequence[Array]
 
 
-def corrected(xp: Any, step: Columns, elapsed: Array | None, integrator: Integrator, before: Columns | None) -> Columns:
+def corrected(
+    xp: Any, step: Columns, elapsed: Array | None, integrator: Integrator, before: Columns | None
+) -> Columns:
     """Displacements turned by what their neighbours say about how the twist changes.
 
     Args:

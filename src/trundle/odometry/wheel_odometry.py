@@ -6,9 +6,10 @@ what a sensor said: a sample that cannot be true is refused and counted, and the
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Sequence
+from math import cos, hypot, isfinite, remainder, sin, tau
+from operator import sub
 from typing import NamedTuple
 
 import msgspec
@@ -17,7 +18,7 @@ from trundle.errors import InputError, ShapeError, Unobservable, require_positiv
 from trundle.geometry import Pose2D, Twist2D
 from trundle.odometry.covariance import ZERO, Matrix, Six, in_odom_frame, matrix, propagate
 from trundle.odometry.encoder_counts import count_difference, whole_count
-from trundle.odometry.integrator import Integrator, commutator_factor
+from trundle.odometry.integrator import Integrator
 from trundle.odometry.plausibility import Plausibility
 from trundle.odometry.step_noise import StepNoise
 from trundle.records import Reading
@@ -29,21 +30,12 @@ Numbers = Sequence[float]
 
 CLOCK_RESOLUTION_NS = 1_000  # S5: nothing is divided by less
 CLOCK_RESET_NS = 1_000_000_000  # S6: time that goes back by more belongs to a new clock
+FOLD = 256  # steps that are summed before they are added to the sums of all
 PATIENCE = 3  # S12: this many implausible samples in a row are the new normal
 
 
-class Gyro(enum.Enum):
-    """What a drive's odometry has of a gyro."""
-
-    NONE = "none"
-    SPARE = "spare"
-    NEEDED = "needed"
-
-    @classmethod
-    def of(cls, drive: Kinematics) -> Gyro:
-        if not drive.gyro:
-            return cls.NONE
-        return cls.SPARE if drive.observable_without_gyro else cls.NEEDED
+# Members of an Enum are looked up slowly in Python 3.11, and these are needed for every sample.
+POSITION, VELOCITY = Reading.POSITION, Reading.VELOCITY
 
 
 class OdometryState(msgspec.Struct, frozen=True, gc=False):
@@ -90,7 +82,7 @@ class Memory(NamedTuple):
     pose: tuple[float, ...]
     twist: tuple[float, ...]
     upper: Six
-    before: tuple[float, ...] | None
+    before: Sequence[float] | None
     before_ns: int
 
 
@@ -108,8 +100,7 @@ class WheelOdometry:
     Attributes:
         robot: What it was made for.
         drive: The wheels that measure.
-        offered: Samples given so far: `offered == accepted + sum(rejected.values())`.
-        accepted: Those that counted.
+        accepted: Samples that counted.
         rejected: The others, by reason.
         events: What happened on the way (gap, rebaseline, clock_reset, ...), by name.
         state: The state after the last sample.
@@ -121,37 +112,42 @@ class WheelOdometry:
     __slots__ = (
         "_before",
         "_before_ns",
+        "_bounded",
         "_chord",
         "_commutes",
         "_count",
         "_covariance",
-        "_gyro",
+        "_displacement",
+        "_far_x",
+        "_far_y",
+        "_has_gyro",
         "_kind",
         "_lead",
         "_lost",
-        "max_gap_ns",
-        "noise",
-        "plausible",
+        "_low",
+        "_needs_gyro",
         "_reading",
         "_steered",
         "_steering",
+        "_steps",
         "_strikes",
+        "_surely",
         "_theta",
-        "_theta_low",
-        "encoders",
         "_time_ns",
+        "_toward",
         "_turns",
         "_twist",
         "_x",
-        "_x_low",
         "_y",
-        "_y_low",
         "_yaw_rate",
         "accepted",
         "drive",
+        "encoders",
         "events",
         "integrator",
-        "offered",
+        "max_gap_ns",
+        "noise",
+        "plausible",
         "rejected",
         "robot",
         "state",
@@ -177,11 +173,19 @@ class WheelOdometry:
         self.max_gap_ns = round(require_positive("max_gap", max_gap) * 1e9)
         self.noise = StepNoise(self.drive, self.robot.noise) if covariance else None
         self.plausible = Plausibility(self.robot)
+        self._surely = min(rate for rate, _ in self.plausible.bounds)
         self._count = len(self.drive.measured_names)
         self._steered = len(self.drive.steered_names)
+        self._bounded = [
+            (index, bounds)
+            for index, bounds in enumerate(self.drive.steering_bounds)
+            if bounds.leaning or isfinite(bounds.greatest - bounds.least)
+        ]
         self.encoders: tuple[Encoder, ...] = ()
-        self._gyro = Gyro.of(self.drive)
-        self.offered = self.accepted = 0
+        self._has_gyro = self.drive.gyro
+        self._needs_gyro = self._has_gyro and not self.drive.observable_without_gyro
+        self._displacement = self.drive.displacement
+        self.accepted = 0
         self.rejected: dict[str, int] = {}
         self.events: dict[str, int] = {}
         self._kind: Reading | None = None
@@ -192,6 +196,11 @@ class WheelOdometry:
         self._twist = Twist2D()
         self._lost = False
         self.reset(pose or Pose2D())
+
+    @property
+    def offered(self) -> int:
+        """Samples taken so far, accepted or rejected."""
+        return self.accepted + sum(self.rejected.values())
 
     # --- what a person calls ----------------------------------------------------------------
 
@@ -205,14 +214,15 @@ class WheelOdometry:
         Raises:
             InputError: If a number is not finite.
         """
-        if not all(map(math.isfinite, (pose.x, pose.y, pose.theta, *covariance))):
+        if not all(map(isfinite, (pose.x, pose.y, pose.theta, *covariance))):
             raise InputError(f"reset({pose}): every number must be finite")
-        self._x, self._y = pose.x, pose.y
-        self._theta = math.remainder(pose.theta, math.tau)
-        self._turns = round((pose.theta - self._theta) / math.tau)
-        self._x_low = self._y_low = self._theta_low = 0.0
+        self._far_x, self._far_y, self._toward = pose.x, pose.y, remainder(pose.theta, tau)
+        self._turns = round((pose.theta - self._toward) / tau)
+        self._low = (0.0, 0.0, 0.0)
+        self._x = self._y = self._theta = 0.0
+        self._steps = 0
         self._covariance = covariance
-        self._before: tuple[float, ...] | None = None
+        self._before: Sequence[float] | None = None
         self.state = OdometryState(self._time_ns, pose, self._twist, True, "reset", covariance)
 
     def update(
@@ -253,13 +263,15 @@ class WheelOdometry:
         if (time is None) is (time_ns is None):
             raise InputError("update: give time [s] or time_ns, one of them")
         if positions is not None and ticks is None and increments is None and velocities is None:
-            kind, reading = Reading.POSITION, positions
+            kind, reading = POSITION, positions
         else:
             kind, reading = _one_reading(positions, ticks, increments, velocities)
         if kind is not self._kind:
             self._take_kind(kind)
-        if yaw_rate is not None and not self.drive.gyro:
-            raise InputError("update: yaw_rate given, but the drive declares no gyro; add 'gyro' to its measured=")
+        if yaw_rate is not None and not self._has_gyro:
+            raise InputError(
+                "update: yaw_rate given, but the drive declares no gyro; add 'gyro' to its measured="
+            )
         if time is not None:
             try:
                 time_ns = round(time * 1e9)
@@ -282,7 +294,7 @@ class WheelOdometry:
         """What the next step needs of the last one."""
         twist = self._twist
         return Memory(
-            (self._x - self._x_low, self._y - self._y_low, self._theta + math.tau * self._turns),
+            (self._far_x + self._x, self._far_y + self._y, tau * self._turns + self._toward + self._theta),
             (twist.vx, twist.vy, twist.omega),
             self._covariance,
             self._before,
@@ -304,13 +316,12 @@ class WheelOdometry:
         self.reset(Pose2D(*memory.pose), covariance=memory.upper)
         if self._commutes:
             self._before, self._before_ns = memory.before, memory.before_ns
-        self.offered += count - 1
         self.accepted += count - 1
         self._accept(time_ns, reading, steering, yaw_rate, "")
 
     # --- one sample -------------------------------------------------------------------------
 
-    def _step(
+    def _step(  # noqa: C901, PLR0915 - the live path: one straight line, no calls that it need not make
         self, time_ns: int, kind: Reading, reading: Numbers, steering: Numbers, yaw_rate: float | None
     ) -> OdometryState:
         before = self._reading
@@ -319,7 +330,10 @@ class WheelOdometry:
             return self._without_step(time_ns, kind, reading, steering, yaw_rate)
         seconds = elapsed * 1e-9
         try:
-            turned = self._turned(kind, reading, before, seconds)
+            if kind is POSITION:
+                turned = list(map(sub, reading, before))
+            else:
+                turned = self._turned(kind, reading, before, seconds)
         except TypeError:
             raise InputError(f"update: {kind.value} {reading!r}: every value must be a number") from None
         except OverflowError:
@@ -329,90 +343,92 @@ class WheelOdometry:
         middle = steering
         if self._steered:
             middle = [
-                then + 0.5 * math.remainder(now - then, math.tau)
+                then + 0.5 * remainder(now - then, tau)
                 for now, then in zip(steering, self._steering, strict=True)
             ]
         turn = None
-        if self._gyro is not Gyro.NONE:
+        if self._has_gyro:
             turn = self._gyro_turn(yaw_rate, seconds)
-            if turn is None and self._gyro is Gyro.NEEDED:
+            if turn is None and self._needs_gyro:
                 return self._reject("no_gyro")
+            if turn is not None and not isfinite(turn):
+                return self._reject("nonfinite")
         try:
-            dx, dy, dt = self.drive.displacement(turned, middle, turn)
+            dx, dy, dt = self._displacement(turned, middle, turn)
         except Unobservable:
             return self._reject("range")
-        if not math.isfinite(dx + dy + dt):
-            return self._reject("nonfinite")
-        if not self.plausible.allows(turned, seconds):
-            return self._implausible(time_ns, kind, reading, steering, yaw_rate)
+        # One bound for all wheels together settles nearly every sample, NaN and infinity included.
+        if not hypot(*turned) <= self._surely * seconds:
+            if not isfinite(sum(turned)):
+                return self._reject("nonfinite")
+            if not self.plausible.allows(turned, seconds):
+                return self._implausible(time_ns, kind, reading, steering, yaw_rate)
 
         reason = ""
         if elapsed > self.max_gap_ns or self._lost:
             reason = self._break(elapsed)
-            if kind is Reading.VELOCITY:  # speeds say nothing about the time between them
+            if kind is VELOCITY:  # speeds say nothing about the time between them
                 return self._rebaseline(time_ns, reading, steering, yaw_rate, reason)
-        step = self._integrate(dx, dy, dt, elapsed)
-        if self.noise is not None:
-            noise = self.noise(turned, middle, (dx, dy, dt), seconds, turn is not None)
-            if reason == "gap":
-                noise = _unknown_path(noise, dx, dy)
-            self._covariance = propagate(self._covariance, step, noise, chord=self._chord, lead=self._lead)
-        if kind is Reading.VELOCITY:
-            twist = Twist2D(*self.drive.displacement(reading, steering, yaw_rate))
-        else:
-            twist = Twist2D(dx / seconds, dy / seconds, dt / seconds)
-        self._twist = twist
-        return self._accept(time_ns, reading, steering, yaw_rate, reason)
 
-    def _integrate(self, dx: float, dy: float, dt: float, elapsed: int) -> tuple[float, float, float]:
-        """Move the pose by one step, and return the step with its commutator.
-
-        Sums are compensated (Kahan): a day at 1 kHz loses nothing.
-        """
+        measured: Sequence[float] = (dx, dy, dt)
         if self._commutes:
-            before = self._before
-            self._before = (dx, dy, dt)
-            if before is not None:
-                ax, ay, at = before
-                factor = commutator_factor(self._before_ns, elapsed)
+            if self._before is not None:
+                ax, ay, at = self._before
+                h0 = self._before_ns
+                factor = elapsed * elapsed / (6.0 * h0 * (h0 + elapsed))  # integrator.commutator_factor
                 dx, dy = dx - factor * (at * dy - dt * ay), dy + factor * (at * dx - dt * ax)
+            self._before = measured
             self._before_ns = elapsed
-        heading = self._theta + self._lead * dt
-        c, s = math.cos(heading), math.sin(heading)
+        heading = self._toward + self._theta + self._lead * dt
+        c, s = cos(heading), sin(heading)
         if self._chord and dt:
             half = 0.5 * dt
-            chord = math.sin(half) / half
+            chord = sin(half) / half
             c, s = c * chord, s * chord
+        self._x += c * dx - s * dy
+        self._y += s * dx + c * dy
+        self._theta += dt
+        self._steps += 1
+        if self._steps >= FOLD:
+            self._fold()
 
-        part = c * dx - s * dy - self._x_low
-        total = self._x + part
-        self._x_low = (total - self._x) - part
-        self._x = total
-        part = s * dx + c * dy - self._y_low
-        total = self._y + part
-        self._y_low = (total - self._y) - part
-        self._y = total
-        part = dt - self._theta_low
-        total = self._theta + part
-        self._theta_low = (total - self._theta) - part
-        if not -math.pi < total <= math.pi:
-            turns = round(total / math.tau)
-            total -= turns * math.tau
-            self._turns += turns
-        self._theta = total
-        return dx, dy, dt
+        if self.noise is not None:
+            noise = self.noise(turned, middle, measured, seconds, turn is not None)
+            if reason == "gap":
+                noise = _unknown_path(noise, dx, dy)
+            self._covariance = propagate(
+                self._covariance, (dx, dy, dt), noise, chord=self._chord, lead=self._lead
+            )
+        if kind is VELOCITY:
+            measured, seconds = self._displacement(reading, steering, yaw_rate), 1.0
+        self._twist = Twist2D(measured[0] / seconds, measured[1] / seconds, measured[2] / seconds)
+        return self._accept(time_ns, reading, steering, yaw_rate, reason)
+
+    def _fold(self) -> None:
+        """Add the recent steps to the far sums, which are compensated: a day at 1 kHz loses nothing."""
+        low_x, low_y, low_theta = self._low
+        self._far_x, low_x = _compensated(self._far_x, self._x, low_x)
+        self._far_y, low_y = _compensated(self._far_y, self._y, low_y)
+        self._toward, low_theta = _compensated(self._toward, self._theta, low_theta)
+        wrapped = remainder(self._toward, tau)
+        self._turns += round((self._toward - wrapped) / tau)
+        self._toward = wrapped
+        self._low = (low_x, low_y, low_theta)
+        self._x = self._y = self._theta = 0.0
+        self._steps = 0
 
     def _accept(
         self, time_ns: int, reading: Numbers, steering: Numbers, yaw_rate: float | None, reason: str
     ) -> OdometryState:
-        self.offered += 1
         self.accepted += 1
         self._strikes = 0
         self._time_ns = time_ns
         self._reading = tuple(reading)
         self._steering = steering
         self._yaw_rate = yaw_rate
-        pose = Pose2D(self._x, self._y, self._theta + math.tau * self._turns)
+        pose = Pose2D(
+            self._far_x + self._x, self._far_y + self._y, tau * self._turns + (self._toward + self._theta)
+        )
         self.state = state = OdometryState(time_ns, pose, self._twist, True, reason, self._covariance)
         return state
 
@@ -478,12 +494,11 @@ class WheelOdometry:
         return self._reject(reason)
 
     def _reject(self, reason: str) -> OdometryState:
-        self.offered += 1
         self.rejected[reason] = self.rejected.get(reason, 0) + 1
         self._before = None
         if self._kind is Reading.INCREMENT and not reason.startswith("duplicate"):
             self._lost = True
-        pose = Pose2D(self._x, self._y, self._theta + math.tau * self._turns)
+        pose = self.state.pose
         self.state = state = OdometryState(self._time_ns, pose, self._twist, False, reason, self._covariance)
         return state
 
@@ -502,7 +517,7 @@ class WheelOdometry:
         """Add what the robot may have moved while nobody looked: its speed times the time."""
         speed, yaw_rate = self.plausible.body_speed
         twist = self._twist
-        sigma = seconds * max(speed, math.hypot(twist.vx, twist.vy))
+        sigma = seconds * max(speed, hypot(twist.vx, twist.vy))
         turn = seconds * max(yaw_rate, abs(twist.omega))
         xx, xy, yy, xt, yt, tt = self._covariance
         if self.noise is not None:
@@ -519,8 +534,6 @@ class WheelOdometry:
         Raises:
             OverflowError: If a counter may have wrapped more than once.
         """
-        if kind is Reading.POSITION:
-            return [now - then for now, then in zip(reading, before, strict=True)]
         if kind is Reading.INCREMENT:
             return list(reading)
         if kind is Reading.VELOCITY:
@@ -553,28 +566,33 @@ class WheelOdometry:
 
     def _check_steering(self, steering: Numbers) -> Numbers | str:
         """The angles, one per steered wheel; or the reason to refuse them."""
-        if not all(map(_is_finite, steering)):
+        if not isfinite(sum(steering)) and not all(map(_is_finite, steering)):
             return "nonfinite"
         if len(steering) != self._steered:
             try:
                 steering = self.drive.expand_steering(steering)
             except ShapeError:
                 return "shape"
-        for bounds, angle in zip(self.drive.steering_bounds, steering, strict=True):
-            if not bounds.hold(angle):
+        for index, bounds in self._bounded:
+            if not bounds.hold(steering[index]):
                 return "range"
         return tuple(steering)
 
     def _take_kind(self, kind: Reading) -> None:
         if self._kind is not None:
-            raise InputError(f"update: {kind.value} given, but it was {self._kind.value} before; use one kind of reading")
+            raise InputError(
+                f"update: {kind.value} given, but it was {self._kind.value} before; use one kind of reading"
+            )
         if kind is Reading.TICKS:
             self.encoders = self.robot.encoders_of(self.drive.measured_names)
         self._kind = kind
 
 
 def _one_reading(
-    positions: Numbers | None, ticks: Sequence[int] | None, increments: Numbers | None, velocities: Numbers | None
+    positions: Numbers | None,
+    ticks: Sequence[int] | None,
+    increments: Numbers | None,
+    velocities: Numbers | None,
 ) -> tuple[Reading, Numbers]:
     given = [
         (kind, reading)
@@ -591,9 +609,16 @@ def _one_reading(
     return given[0]
 
 
+def _compensated(total: float, part: float, low: float) -> tuple[float, float]:
+    """One step of Kahan's summation: the new total, and what it is too large by."""
+    part -= low
+    result = total + part
+    return result, (result - total) - part
+
+
 def _is_finite(value: float) -> bool:
     try:
-        return math.isfinite(value)
+        return isfinite(value)
     except TypeError:
         raise InputError(f"update: {value!r} is not a number") from None
 

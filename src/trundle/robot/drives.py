@@ -150,9 +150,7 @@ class Bicycle(Kinematics):
         radius = _radii(wheel_radius, ("rear", "front"))
         wheels = [
             Wheel("rear", 0.0, 0.0, radius["rear"]),
-            _steered(
-                "front", require_positive("wheelbase", wheelbase), 0.0, radius["front"], max_steering
-            ),
+            _steered("front", require_positive("wheelbase", wheelbase), 0.0, radius["front"], max_steering),
         ]
         super().__init__(wheels, measured=measured, reference=reference)
         self.parameters = {
@@ -189,7 +187,10 @@ class Ackermann(Kinematics):
         max_steering: float | None = None,
         reference: Point = (0.0, 0.0),
     ) -> None:
-        length, half = require_positive("wheelbase", wheelbase), require_positive("track_width", track_width) / 2
+        length, half = (
+            require_positive("wheelbase", wheelbase),
+            require_positive("track_width", track_width) / 2,
+        )
         radius = _radii(wheel_radius, FOUR_WHEELS)
         wheels = [
             _steered("front_left", length, half, radius["front_left"], max_steering),
@@ -206,7 +207,7 @@ class Ackermann(Kinematics):
             "max_steering": max_steering,
         }
 
-    def expand_steering(self, steering: Sequence[float], trig: Any = math) -> Sequence[float]:
+    def expand_steering(self, steering: Sequence[Any], trig: Any = math) -> Sequence[Any]:
         """(left, right) from the one angle of the virtual middle wheel: `cot(left) = cot(middle) - half/length`.
 
         Raises:
@@ -301,7 +302,8 @@ class FourWheelSteering(Kinematics):
     ) -> None:
         radius = _radii(wheel_radius, FOUR_WHEELS)
         wheels = [
-            _steered(name, x, y, radius[name], max_steering) for name, x, y in _corners(wheelbase, track_width)
+            _steered(name, x, y, radius[name], max_steering)
+            for name, x, y in _corners(wheelbase, track_width)
         ]
         super().__init__(wheels, measured=measured, reference=reference)
         self.parameters = {
@@ -425,8 +427,9 @@ class Swerve(Kinematics):
         places = _named_places("modules", modules, "module")
         radius = _radii(wheel_radius, tuple(places))
         wheels = [
-            _steered(name, *_numbers("modules", name, place, 2), radius[name], max_steering)
+            _steered(name, x, y, radius[name], max_steering)
             for name, place in places.items()
+            for x, y in [_numbers("modules", name, place, 2)]
         ]
         super().__init__(wheels, measured=measured, reference=reference)
         self.parameters = {

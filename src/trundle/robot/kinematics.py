@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from math import atan2, hypot, pi, remainder, tau
 from typing import Any, NamedTuple, overload
 
 from trundle.errors import ConfigError, Infeasible, InputError, ShapeError, did_you_mean, require_finite
@@ -21,7 +22,7 @@ Array = Any  # any array of the array-API standard
 
 _FEASIBLE = 1e-9  # relative: what rounding leaves of a constraint that holds
 _STANDSTILL = 16.0 * 2.0**-52  # relative: below this a contact velocity is rounding, not motion
-_HALF_TURN = math.pi / 2.0
+_QUARTER = math.pi / 2.0
 _STEEPEST = math.radians(89.0)
 _SLACK = 1e-9  # a wheel commanded to its stop is not beyond it [rad]
 
@@ -87,7 +88,17 @@ class Kinematics:
     ) -> None:
         rx, ry = (require_finite("reference", part) for part in reference)
         self.wheels = tuple(
-            Wheel(w.name, w.x - rx, w.y - ry, w.radius, w.heading, w.kind, w.free_direction, w.steering_range, w.driven)
+            Wheel(
+                w.name,
+                w.x - rx,
+                w.y - ry,
+                w.radius,
+                w.heading,
+                w.kind,
+                w.free_direction,
+                w.steering_range,
+                w.driven,
+            )
             for w in wheels
         )
         self.reference = (rx, ry)
@@ -108,16 +119,15 @@ class Kinematics:
         observability.check_constraints(self._null)
         self.condition = observability.check_observable([*self._constraints, *self._observed_rows()], points)
         self.steering_bounds = tuple(
-            SteeringBounds(*(wheel.steering_range or (-math.inf, math.inf)), wheel.name not in self.measured_names)
+            SteeringBounds(
+                *(wheel.steering_range or (-math.inf, math.inf)), wheel.name not in self.measured_names
+            )
             for wheel in self._steered
         )
         self._solvers: dict[bool, Solver] = {}
-        self._speed_rows = [
-            tuple(a / wheel.radius for a in rolling(wheel))
-            for wheel in speaking
-            if wheel.kind is not WheelKind.STEERED
-        ]
         self._standstill = (0.0,) * len(self._steered)
+        self._reach = max((abs(wheel.x) + abs(wheel.y) for wheel in self._steered), default=0.0)
+        self._plan = [self._planned(wheel) for wheel in speaking]
         # Where nothing steers, K with the radii in it: the live path's one product.
         self._columns_of_turned: list[tuple[float, ...]] | None = None
         if not self._steered and self.observable_without_gyro:
@@ -128,6 +138,14 @@ class Kinematics:
             ]
 
     # --- construction -----------------------------------------------------------------------
+
+    def _planned(self, wheel: Wheel) -> tuple[float, float, float, tuple[Any, ...] | None]:
+        """What `inverse` needs of one wheel: its speed's row, or where it stands and how it is steered."""
+        if wheel.kind is WheelKind.STEERED:
+            limited = None if wheel.steering_range is None else wheel
+            return (0.0, 0.0, 0.0, (wheel.x, wheel.y, wheel.heading, wheel.radius, limited))
+        a, b, c = rolling(wheel)
+        return (a / wheel.radius, b / wheel.radius, c / wheel.radius, None)
 
     def _check_names(self) -> None:
         if not self.wheel_names:
@@ -159,7 +177,7 @@ class Kinematics:
 
     def _observed_rows(self) -> list[Row]:
         """Every measured row, steered wheels turned to an angle at which nothing lines up."""
-        rows = []
+        rows: list[Row] = []
         for wheel in self._measured:
             rows += contact(wheel) if wheel.kind is WheelKind.STEERED else [rolling(wheel)]
         for wheel in self._steered:
@@ -246,7 +264,7 @@ class Kinematics:
             if slip and abs(slip) > _FEASIBLE * (abs(vx) + abs(vy) + abs(omega) * self._scale):
                 raise Infeasible(self._why_infeasible(twist))
         if not self._steered:
-            return WheelCommand(tuple([a * vx + b * vy + c * omega for a, b, c in self._speed_rows]))
+            return WheelCommand(tuple([a * vx + b * vy + c * omega for a, b, c, _ in self._plan]))
         return self._inverse_steered(vx, vy, omega, steering)
 
     def _inverse_steered(
@@ -254,33 +272,35 @@ class Kinematics:
     ) -> WheelCommand:
         now = self._standstill if steering is None else steering
         if len(now) != len(self._steered):
-            raise ShapeError(f"steering: {len(now)} angles, must be {len(self._steered)} {self.steered_names}")
-        rows, angles, speeds = iter(self._speed_rows), [], []
-        current = iter(now)
-        still = _STANDSTILL * (abs(vx) + abs(vy))
-        for wheel in self._speaking:
-            if wheel.kind is not WheelKind.STEERED:
-                a, b, c = next(rows)
+            raise ShapeError(
+                f"steering: {len(now)} angles, must be {len(self._steered)} {self.steered_names}"
+            )
+        speeds: list[float] = []
+        angles: list[float] = []
+        still = _STANDSTILL * (abs(vx) + abs(vy) + abs(omega) * self._reach)
+        for a, b, c, aim in self._plan:
+            if aim is None:
                 speeds.append(a * vx + b * vy + c * omega)
                 continue
-            x, y, angle = wheel.x, wheel.y, next(current)
+            x, y, heading, radius, wheel = aim
+            angle = now[len(angles)]
             ux, uy = vx - omega * y, vy + omega * x
-            speed = math.hypot(ux, uy)
-            if speed <= still + _STANDSTILL * abs(omega) * (abs(x) + abs(y)):
+            speed = hypot(ux, uy)
+            if speed <= still:  # what is left here is rounding, and its direction is anything
                 speed = 0.0
             else:
-                wanted = math.atan2(uy, ux) - wheel.heading
-                change = math.remainder(wanted - angle, math.tau)
-                if change > _HALF_TURN:
-                    change, speed = change - math.pi, -speed
-                elif change < -_HALF_TURN:
-                    change, speed = change + math.pi, -speed
-                # From a wheel that points straight ahead the angle is exactly `wanted`.
-                angle = angle + change
-                if wheel.steering_range is not None:
+                change = atan2(uy, ux) - heading - angle
+                if not -_QUARTER <= change <= _QUARTER:
+                    change = remainder(change, tau)
+                    if change > _QUARTER:
+                        change, speed = change - pi, -speed
+                    elif change < -_QUARTER:
+                        change, speed = change + pi, -speed
+                angle += change
+                if wheel is not None:
                     angle, speed = _within(wheel, angle, speed)
             angles.append(angle)
-            speeds.append(speed / wheel.radius)
+            speeds.append(speed / radius)
         return WheelCommand(tuple(speeds), tuple(angles))
 
     def project(self, twist: Twist2D) -> Twist2D:
@@ -305,14 +325,18 @@ class Kinematics:
 
     def _why_infeasible(self, twist: Twist2D) -> str:
         row, slip = max(
-            ((row, row[0] * twist.vx + row[1] * twist.vy + row[2] * twist.omega) for row in self._constraints),
+            (
+                (row, row[0] * twist.vx + row[1] * twist.vy + row[2] * twist.omega)
+                for row in self._constraints
+            ),
             key=lambda pair: abs(pair[1]),
         )
         way = "sideways" if abs(row[1]) > 0.99 else "forward" if abs(row[0]) > 0.99 else "like this"
         nearest = self.project(twist)
         return (
             f"{type(self).__name__} cannot move {way}: (vx, vy, omega) = "
-            f"({twist.vx:g}, {twist.vy:g}, {twist.omega:g}) would make its wheels slip by {abs(slip):.3g} m/s. "
+            f"({twist.vx:g}, {twist.vy:g}, {twist.omega:g}) would make its wheels slip by "
+            f"{abs(slip):.3g} m/s. "
             f"Without slip: project(twist) = ({nearest.vx:g}, {nearest.vy:g}, {nearest.omega:g})"
         )
 
@@ -342,15 +366,17 @@ class Kinematics:
             if bool(xp.any(slip > _FEASIBLE * size)):
                 worst = int(xp.argmax(xp.reshape(slip, (-1,))))
                 flat = xp.reshape(twists, (-1, 3))
-                raise Infeasible(f"twist {worst}: " + self._why_infeasible(Twist2D(*(float(v) for v in flat[worst]))))
-        rows, speeds, angles = iter(self._speed_rows), [], []
-        for wheel in self._speaking:
-            if wheel.kind is not WheelKind.STEERED:
-                a, b, c = next(rows)
+                raise Infeasible(
+                    f"twist {worst}: " + self._why_infeasible(Twist2D(*(float(v) for v in flat[worst])))
+                )
+        speeds: list[Array] = []
+        angles: list[Array] = []
+        for wheel, (a, b, c, aim) in zip(self._speaking, self._plan, strict=True):
+            if aim is None:
                 speeds.append(a * vx + b * vy + c * omega)
                 continue
             now = xp.zeros_like(vx) if steering is None else steering[..., len(angles)]
-            angle, speed = _aim(xp, wheel, vx, vy, omega, now)
+            angle, speed = _aim(xp, wheel, vx, vy, omega, now, self._reach)
             angles.append(angle)
             speeds.append(speed / wheel.radius)
         nothing = xp.zeros((*vx.shape, 0), dtype=vx.dtype, device=device(vx))
@@ -393,11 +419,15 @@ class Kinematics:
             speeds = self.select(speeds.speeds)
         return Twist2D(*self._solve(speeds, steering, yaw_rate))
 
-    def _solve(self, speeds: Sequence[float], steering: Sequence[float], yaw_rate: float | None) -> list[float]:
+    def _solve(
+        self, speeds: Sequence[float], steering: Sequence[float], yaw_rate: float | None
+    ) -> list[float]:
         angles = self._check_reading(speeds, steering)
         twist = self._solver(yaw_rate).solve(speeds, angles, yaw_rate, math)
         if not math.isfinite(twist[0] + twist[1] + twist[2]):
-            raise InputError(f"speeds {tuple(speeds)}, steering {tuple(angles)}, yaw_rate {yaw_rate}: must be finite")
+            raise InputError(
+                f"speeds {tuple(speeds)}, steering {tuple(angles)}, yaw_rate {yaw_rate}: must be finite"
+            )
         return twist
 
     def select(self, speeds: Sequence[float]) -> list[float]:
@@ -407,11 +437,15 @@ class Kinematics:
             ShapeError: If there is not one value per wheel.
         """
         if len(speeds) != len(self.wheel_names):
-            raise ShapeError(f"speeds: {len(speeds)} values, must be {len(self.wheel_names)} {self.wheel_names}")
+            raise ShapeError(
+                f"speeds: {len(speeds)} values, must be {len(self.wheel_names)} {self.wheel_names}"
+            )
         values = dict(zip(self.wheel_names, speeds, strict=True))
         return [values[name] for name in self.measured_names]
 
-    def forward_batch(self, speeds: Array, steering: Array | None = None, *, yaw_rate: Array | None = None) -> Array:
+    def forward_batch(
+        self, speeds: Array, steering: Array | None = None, *, yaw_rate: Array | None = None
+    ) -> Array:
         """`forward` for many readings at once, on any array library.
 
         Args:
@@ -503,7 +537,7 @@ class Kinematics:
         """
         if turn is None and self._columns_of_turned is not None:
             x = y = theta = 0.0
-            for (a, b, c), angle in zip(self._columns_of_turned, turned, strict=True):
+            for (a, b, c), angle in zip(self._columns_of_turned, turned):  # noqa: B905 - the hot path
                 x += a * angle
                 y += b * angle
                 theta += c * angle
@@ -600,7 +634,9 @@ class Kinematics:
 
     def _check_reading(self, speeds: Sequence[float], steering: Sequence[float]) -> Sequence[float]:
         if len(speeds) != len(self._measured):
-            raise ShapeError(f"speeds: {len(speeds)} values, must be {len(self._measured)} {self.measured_names}")
+            raise ShapeError(
+                f"speeds: {len(speeds)} values, must be {len(self._measured)} {self.measured_names}"
+            )
         return self._check_steering(steering)
 
     def _check_steering(self, steering: Sequence[float]) -> Sequence[float]:
@@ -608,13 +644,15 @@ class Kinematics:
             return self.expand_steering(steering)
         return steering
 
-    def expand_steering(self, steering: Sequence[float], trig: Any = math) -> Sequence[float]:
+    def expand_steering(self, steering: Sequence[Any], trig: Any = math) -> Sequence[Any]:  # noqa: ARG002
         """One angle per steered wheel, from a shorter form that this drive understands.
 
         Raises:
             ShapeError: If this drive understands none of that length.
         """
-        raise ShapeError(f"steering: {len(steering)} angles, must be {len(self._steered)} {self.steered_names}")
+        raise ShapeError(
+            f"steering: {len(steering)} angles, must be {len(self._steered)} {self.steered_names}"
+        )
 
     def check_batch(self, readings: Array, steering: Array | None) -> None:
         """Raises ShapeError unless these are (..., measured) readings and (..., steered) angles."""
@@ -646,14 +684,16 @@ def _within(wheel: Wheel, angle: float, speed: float) -> tuple[float, float]:
     )
 
 
-def _aim(xp: Any, wheel: Wheel, vx: Array, vy: Array, omega: Array, now: Array) -> tuple[Array, Array]:
+def _aim(
+    xp: Any, wheel: Wheel, vx: Array, vy: Array, omega: Array, now: Array, reach: float
+) -> tuple[Array, Array]:
     """Angle and speed [m/s] of one steered wheel; the array twin of `_inverse_steered`."""
     ux, uy = vx - omega * wheel.y, vy + omega * wheel.x
     speed = xp.hypot(ux, uy) if hasattr(xp, "hypot") else xp.sqrt(ux * ux + uy * uy)
-    size = xp.abs(vx) + xp.abs(vy) + xp.abs(omega) * (abs(wheel.x) + abs(wheel.y))
+    size = xp.abs(vx) + xp.abs(vy) + xp.abs(omega) * reach
     change = xp.atan2(uy, ux) - wheel.heading - now
     change = change - math.tau * xp.round(change / math.tau)
-    back = xp.abs(change) > _HALF_TURN
+    back = xp.abs(change) > _QUARTER
     change = xp.where(back, change - math.pi * xp.sign(change), change)
     still = speed <= _STANDSTILL * size
     angle = xp.where(still, now, now + change)

@@ -78,8 +78,8 @@ def check_observable(rows: Sequence[Row], points: Points) -> float:
     if condition > CONDITION_LIMIT:
         raise Singular(
             "wheels",
-            f"condition number {condition:.3g} (limit {CONDITION_LIMIT:.0e}): what is measured says nothing about "
-            f"{_in_words(directions[2])}; add a wheel, a gyro, or place the wheels differently",
+            f"condition number {condition:.3g} (limit {CONDITION_LIMIT:.0e}): what is measured says "
+            f"nothing about {_in_words(directions[2])}; add a wheel, a gyro, or place the wheels differently",
         )
     return condition
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import mul
 from typing import Any, NamedTuple
 
 from trundle.errors import Unobservable
@@ -226,7 +227,7 @@ class Solver:
             return []
         rows = [*self._fixed, *self._leaning_rows(steering, trig)]
         # pinv(C^T) is the transpose of C^+, so its rows are the columns wanted.
-        gains = []
+        gains: list[Vector] = []
         for column in pseudo_inverse(self.constraints):
             seen = [_dot(row, column) for row in rows]
             gains.append([a - _dot(gain, seen) for a, gain in zip(column, matrix, strict=True)])
@@ -247,10 +248,8 @@ class Solver:
         return [list(row) for row in zip(*map(self._expand_vector, columns), strict=True)]
 
     def _expand_vector(self, unknowns: Vector) -> list[Number]:
-        return [
-            sum([column[i] * u for column, u in zip(self.null, unknowns, strict=True)]) for i in range(3)
-        ]
+        return [sum([column[i] * u for column, u in zip(self.null, unknowns, strict=True)]) for i in range(3)]
 
 
 def _dot(row: Vector, vector: Vector) -> Number:
-    return sum([a * b for a, b in zip(row, vector, strict=True)])
+    return sum(map(mul, row, vector))

@@ -67,7 +67,7 @@ class Wheel(msgspec.Struct, frozen=True):
         self._check_free_direction()
         if self.steering_range is not None:
             if self.kind is not WheelKind.STEERED:
-                raise ConfigError("steering_range", f"given for a {self.kind.value} wheel")
+                raise ConfigError("steering_range", f"given for a {WheelKind(self.kind).value} wheel")
             least, greatest = (require_finite("steering_range", end) for end in self.steering_range)
             if not least < greatest:
                 raise ConfigError("steering_range", f"({least:g}, {greatest:g}), min must be < max")

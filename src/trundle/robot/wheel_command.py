@@ -31,9 +31,9 @@ class WheelCommand(msgspec.Struct, frozen=True, gc=False):
         Raises:
             ConfigError: If it is not a finite number above zero.
         """
-        require_positive("max_wheel_speed", max_wheel_speed)
         fastest = max(map(abs, self.speeds), default=0.0)
-        if fastest <= max_wheel_speed:
+        if not 0.0 < max_wheel_speed < fastest:
+            require_positive("max_wheel_speed", max_wheel_speed)
             return self
         scale = max_wheel_speed / fastest
         return WheelCommand(tuple([scale * speed for speed in self.speeds]), self.steering)
