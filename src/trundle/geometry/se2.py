@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from array_api_compat import array_namespace
+from array_api_compat import array_namespace, is_numpy_array
 
 from trundle.errors import ShapeError
 
@@ -26,19 +26,32 @@ def sinc(angle: Array) -> Array:
     """sin(angle) / angle, with its limit 1 at zero; accurate in value and in derivative."""
     xp = array_namespace(angle)
     square = angle * angle
-    series = _SINC[-1] * xp.ones_like(angle)
-    for coefficient in _SINC[-2::-1]:
-        series = series * square + coefficient
+    if is_numpy_array(angle) and angle.size:
+        # Nothing to trace here, so the largest angle decides how many terms are needed.
+        largest = float(square.max())
+        if largest < 1.0:
+            return _series(square, largest)
     near = square < 1.0
     safe = xp.where(near, xp.ones_like(angle), angle)
-    return xp.where(near, series, xp.sin(safe) / safe)
+    return xp.where(near, _series(square, 1.0), xp.sin(safe) / safe)
+
+
+def _series(square: Array, largest: float) -> Array:
+    """sin(a)/a from a^2, with as many terms as the largest a^2 needs for full precision."""
+    count = next((k for k, c in enumerate(_SINC) if abs(c) * largest**k < 1e-17), len(_SINC))
+    series = _SINC[count - 1]
+    for coefficient in _SINC[count - 2 :: -1] if count > 1 else ():
+        series = series * square + coefficient
+    return series if count > 1 else square * 0.0 + series
 
 
 def wrap(angle: Array) -> Array:
     """The same directions in (-pi, pi]."""
     xp = array_namespace(angle)
-    turns = xp.ceil(angle / math.tau - 0.5)
-    return angle - turns * math.tau
+    wrapped = angle - math.tau * xp.round(angle / math.tau)
+    # Rounding can leave half a turn on the wrong side.
+    wrapped = xp.where(wrapped > math.pi, wrapped - math.tau, wrapped)
+    return xp.where(wrapped <= -math.pi, wrapped + math.tau, wrapped)
 
 
 def exp(tangent: Array) -> Array:

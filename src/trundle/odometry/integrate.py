@@ -319,7 +319,7 @@ def integrate_batch(
         return _in_blocks(drive, positions, time_ns, steering, way, out)
     if out is not None:
         raise InputError("integrate_batch: out= is for NumPy arrays")
-    x, y, theta = _walk(xp, drive, positions, time_ns, steering, way)
+    x, y, theta, _ = _walk(xp, drive, positions, time_ns, steering, way)
     start = xp.zeros_like(x[..., :1])
     columns = [xp.concat([start, part], axis=-1) for part in (x, y, theta)]
     return xp.stack(columns, axis=-1)
@@ -334,8 +334,8 @@ def _walk(
     way: Integrator,
     start: Sequence[Any] = (0.0, 0.0, 0.0),
     before: Sequence[Any] | None = None,
-) -> tuple[Array, Array, Array]:
-    """Poses after each step."""
+) -> tuple[Array, Array, Array, Sequence[Array] | None]:
+    """Poses after each step, and of the last step what the next one needs."""
     turned = [positions[..., 1:, k] - positions[..., :-1, k] for k in range(positions.shape[-1])]
     angles = [] if steering is None else [steering[..., k] for k in range(steering.shape[-1])]
     if len(angles) != len(drive.steered_names):
@@ -345,8 +345,11 @@ def _walk(
     elapsed = None
     if time_ns is not None:
         elapsed = xp.astype(time_ns[1:] - time_ns[:-1], step[0].dtype)
+    last = None
+    if way is Integrator.ARC_PLUS:
+        last = [part[..., -1:] for part in (*step, step[2] if elapsed is None else elapsed)]
     step = path.corrected(xp, step, elapsed, way, before)
-    return path.poses(xp, step, way, start)
+    return (*path.poses(xp, step, way, start), last)
 
 
 def _in_blocks(
@@ -357,23 +360,30 @@ def _in_blocks(
     way: Integrator,
     out: Floats | None,
 ) -> Floats:
-    """Robots in groups whose arrays fit into the cache together."""
+    """As many rows at a time as fit into the cache with all that they take; the state is passed on."""
     shape = (*positions.shape[:-1], 3)
     if out is None:
         out = np.empty(shape)
     elif out.shape != shape:
         raise ShapeError(f"out: shape {out.shape}, must be {shape}")
-    steps = shape[-2]
-    robots = math.prod(shape[:-2])
+    steps, robots = shape[-2], math.prod(shape[:-2])
     flat, poses = positions.reshape(robots, steps, -1), out.reshape(robots, steps, 3)
-    turned = None if steering is None else steering.reshape(robots, steps, -1)
-    size = max(1, 4 * BLOCK // max(steps, 1))
-    poses[:, 0] = 0.0
+    angles = None if steering is None else steering.reshape(robots, steps, -1)
+    # The symmetric correction looks ahead, so its steps stay together.
+    span = steps if way is Integrator.SYMMETRIC else 2 * BLOCK
+    size = max(1, 2 * BLOCK // max(min(steps, span), 1))
     for first in range(0, robots, size):
         group = slice(first, first + size)
-        angles = None if turned is None else turned[group]
-        for k, part in enumerate(_walk(standard, drive, flat[group], time_ns, angles, way)):
-            poses[group, 1:, k] = part
+        poses[group, :1] = 0.0
+        start, before = (0.0, 0.0, 0.0), None
+        for row in range(0, steps - 1, span):
+            rows = slice(row, min(row + span, steps - 1) + 1)
+            times = None if time_ns is None else time_ns[rows]
+            turned = None if angles is None else angles[group, rows]
+            *columns, before = _walk(np, drive, flat[group, rows], times, turned, way, start, before)
+            for k, part in enumerate(columns):
+                poses[group, rows.start + 1 : rows.stop, k] = part
+            start = tuple(part[:, -1:] for part in columns)
     return out
 
 

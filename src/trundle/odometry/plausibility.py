@@ -46,7 +46,7 @@ class Plausibility:
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
-        """Per measured wheel: greatest believable speed [rad/s], and what its product with time may exceed [rad]."""
+        """Per measured wheel: greatest believable speed [rad/s], and the angle beyond it [rad]."""
         return list(zip(self._rates, self._slack, strict=True))
 
     def allows(self, turned: Sequence[float], seconds: float) -> bool:

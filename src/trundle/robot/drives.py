@@ -208,7 +208,7 @@ class Ackermann(Kinematics):
         }
 
     def expand_steering(self, steering: Sequence[Any], trig: Any = math) -> Sequence[Any]:
-        """(left, right) from the one angle of the virtual middle wheel: `cot(left) = cot(middle) - half/length`.
+        """(left, right) from one virtual middle angle: `cot(left) = cot(middle) - half/length`.
 
         Raises:
             ShapeError: If there is not one angle.
