@@ -1,0 +1,95 @@
+"""What a file holds, by its first bytes; its name proves nothing."""
+
+from __future__ import annotations
+
+import codecs
+import enum
+import os
+import stat
+from pathlib import Path
+
+from trundle.errors import LogError
+
+__all__ = ["Content", "content_of"]
+
+
+class Content(enum.Enum):
+    """Kinds of files that hold logs."""
+
+    TEXT = "text table"
+    PARQUET = "Parquet"
+    MCAP = "MCAP"
+    ROSBAG1 = "rosbag1"
+    ROSBAG2 = "rosbag2"
+    WPILOG = "WPILOG"
+
+
+_MAGIC = {
+    b"PAR1": Content.PARQUET,
+    b"\x89MCAP0\r\n": Content.MCAP,
+    b"#ROSBAG V": Content.ROSBAG1,
+    b"SQLite format 3\0": Content.ROSBAG2,
+    b"WPILOG": Content.WPILOG,
+    b"\x28\xb5\x2f\xfd": Content.ROSBAG2,  # zstd: a compressed file of a rosbag2 recording
+}
+_BINARY_SUFFIXES = {
+    ".parquet": Content.PARQUET,
+    ".mcap": Content.MCAP,
+    ".bag": Content.ROSBAG1,
+    ".db3": Content.ROSBAG2,
+    ".wpilog": Content.WPILOG,
+}
+_ROSBAG2_PARTS = (".yaml", ".mcap", ".db3", ".zstd")
+_TEXT_CONTROLS = b"\t\n\v\f\r\x1a\x1b"
+
+
+def content_of(path: str | os.PathLike[str]) -> Content:
+    """What kind of log a file (or a rosbag2 folder) is.
+
+    Raises:
+        LogError: With reason `not_a_file`, `unreadable`, `empty`, or, where the content is of no known
+            kind or contradicts the file's suffix, `format`.
+    """
+    path = Path(path)
+    try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            return _content_of_folder(path)
+        if not stat.S_ISREG(mode):
+            raise LogError(path, "not_a_file", "is a pipe or a device, must be a file")
+        with path.open("rb") as file:
+            head = file.read(4096)
+    except FileNotFoundError:
+        raise LogError(path, "not_a_file", "no such file") from None
+    except OSError as error:
+        raise LogError(path, "unreadable", f"cannot be read: {error.strerror or error}") from error
+    except ValueError as error:  # a name with a NUL in it
+        raise LogError(path, "not_a_file", str(error)) from error
+    if not head:
+        raise LogError(path, "empty", "holds no bytes")
+    for magic, content in _MAGIC.items():
+        # A file that ends within its first bytes is a truncated one, for its own reader to say so.
+        if head.startswith(magic) or magic.startswith(head):
+            return content
+    return _text(path, head)
+
+
+def _content_of_folder(path: Path) -> Content:
+    if any(part.suffix in _ROSBAG2_PARTS for part in path.iterdir()):
+        return Content.ROSBAG2
+    raise LogError(path, "not_a_file", "is a folder without a rosbag2 recording, must be a file")
+
+
+def _text(path: Path, head: bytes) -> Content:
+    """TEXT, if the bytes can be text and the name does not promise something else."""
+    known = ", ".join(content.value for content in Content)
+    promised = _BINARY_SUFFIXES.get(path.suffix.lower())
+    if promised is not None:
+        raise LogError(path, "format", f"its content is not {promised.value}, as its name says")
+    wide = head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    controls = sum(byte < 32 and byte not in _TEXT_CONTROLS for byte in head)
+    if not wide and controls * 10 > len(head):
+        if head[1::2].count(0) * 2 > len(head[1::2]) or head[::2].count(0) * 2 > len(head[::2]):
+            raise LogError(path, "encoding", "looks like UTF-16 without a byte order mark; save it as UTF-8")
+        raise LogError(path, "format", f"its content is not a known kind of log; known: {known}")
+    return Content.TEXT

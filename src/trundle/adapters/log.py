@@ -1,0 +1,71 @@
+"""Logs of any format, by their content."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from trundle.adapters.content import Content, content_of
+from trundle.errors import LogError
+from trundle.records import WheelLog
+from trundle.robot import Kinematics, LogMapping, Robot
+
+__all__ = ["read_log"]
+
+Reader = Callable[[Path, Robot, LogMapping], WheelLog]
+
+
+def read_log(
+    path: str | os.PathLike[str], robot: Robot | Kinematics, *, mapping: LogMapping | None = None
+) -> WheelLog:
+    """What the sensors of a robot said, from a log of any known format.
+
+    Args:
+        path: A text table, Parquet, MCAP, a rosbag, or a rosbag2 folder; told apart by content.
+        robot: Whose log it is; or just its drive.
+        mapping: How the log says it, in place of the robot's own `log` section.
+
+    Returns:
+        Readings of the robot's measured wheels, or its body twists, in SI units or raw counts; rows as
+        they were recorded, except those that could not be read, which are counted in `rejected`.
+
+    Raises:
+        LogError: If the file cannot be read; its `reason` says why: `not_a_file`, `empty`, `format`,
+            `encoding`, `unreadable`. LogTruncated, LogCorrupt and LogLimit for damaged recordings.
+        LogSchema: If it does not hold what the mapping says: `column`, `topic`, `field`, `ambiguous`,
+            `parse`, `unit`, `type`.
+        ConfigError: If the mapping does not fit the robot.
+        MissingExtra: If the format needs a package that is not installed.
+    """
+    path = Path(path)
+    described = robot if isinstance(robot, Robot) else Robot(drive=robot)
+    content = content_of(path)
+    if content not in _READERS:
+        known = ", ".join(known.value for known in _READERS)
+        raise LogError(
+            path, "format", f"is {content.value}, which cannot be read as a log yet; known: {known}"
+        )
+    return _READERS[content](path, described, mapping or described.log)
+
+
+def _read_table(path: Path, robot: Robot, mapping: LogMapping) -> WheelLog:
+    from trundle.adapters.table_log import read_table_log
+
+    return read_table_log(path, robot, mapping)
+
+
+def _read_bag(path: Path, robot: Robot, mapping: LogMapping) -> WheelLog:
+    from trundle.adapters.bag_log import read_bag_log
+
+    return read_bag_log(path, robot, mapping)
+
+
+# Formats that load nothing until they are read.
+_READERS: dict[Content, Reader] = {
+    Content.TEXT: _read_table,
+    Content.PARQUET: _read_table,
+    Content.MCAP: _read_bag,
+    Content.ROSBAG1: _read_bag,
+    Content.ROSBAG2: _read_bag,
+}

@@ -1,0 +1,119 @@
+"""Parquet tables, through pyarrow."""
+
+from __future__ import annotations
+
+import contextlib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trundle.adapters.numeral import Numeral, Stamp
+from trundle.adapters.table import ColumnName, Rows, Wanted, column_index
+from trundle.errors import LogCorrupt, LogError, LogSchema, MissingExtra
+from trundle.robot.log_mapping import Unit
+
+__all__ = ["ParquetTable"]
+
+Mask = npt.NDArray[np.bool_]
+
+
+class ParquetTable:
+    """A Parquet file with columns of numbers; missing values are rows that cannot be read."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            import pyarrow.parquet
+        except ImportError:
+            raise MissingExtra("pyarrow", "parquet") from None
+        self.path = path
+        with path.open("rb") as file, _reading(path):
+            schema = pyarrow.parquet.ParquetFile(file).schema_arrow
+        self.names: tuple[ColumnName, ...] = tuple(schema.names)
+        self._types = list(schema.types)
+
+    def read(self, wanted: Sequence[Wanted]) -> Rows:
+        """See `Table`."""
+        import pyarrow.parquet
+
+        places = [column_index(self.path, self.names, want.column) for want in wanted]
+        for want, place in zip(wanted, places, strict=True):
+            self._require_numbers(want, place)
+        names = [str(self.names[place]) for place in places]
+        with self.path.open("rb") as file, _reading(self.path):
+            table = pyarrow.parquet.ParquetFile(file).read(columns=list(dict.fromkeys(names)))
+            pieces = [_column(table.column(name), want) for name, want in zip(names, wanted, strict=True)]
+        if not table.num_rows:
+            raise LogError(self.path, "empty", "holds no row")
+        return self._kept(wanted, pieces)
+
+    def _require_numbers(self, want: Wanted, place: int) -> None:
+        from pyarrow import types
+
+        kind = self._types[place]
+        stamp = types.is_timestamp(kind) and isinstance(want.numeral, Stamp)
+        if not (stamp or types.is_integer(kind) or types.is_floating(kind)):
+            raise LogSchema(self.path, "type", f"column {want.column!r} holds {kind}, must be numbers")
+
+    def _kept(self, wanted: Sequence[Wanted], pieces: list[tuple[npt.NDArray[Any], Mask, Mask]]) -> Rows:
+        """The rows that are whole, and an account of the others."""
+        missing = np.logical_or.reduce([unreadable for _, unreadable, _ in pieces])
+        nonfinite = np.logical_or.reduce([refused for _, _, refused in pieces]) & ~missing
+        bad = missing | nonfinite
+        if not bad.any():
+            return Rows(tuple(values for values, _, _ in pieces))
+        rows = np.flatnonzero(bad)
+        named = ", ".join(str(row) for row in rows[:5]) + (", ..." if len(rows) > 5 else "")
+        columns = ", ".join(
+            repr(want.column) for want, (_, a, r) in zip(wanted, pieces, strict=True) if (a | r).any()
+        )
+        if bad.all():
+            raise self._complaint(wanted, pieces, columns)
+        rejected = Counter({"parse": int(missing.sum()), "nonfinite": int(nonfinite.sum())})
+        return Rows(
+            tuple(values[~bad] for values, _, _ in pieces),
+            +rejected,
+            (f"{len(rows)} rows were left out as unreadable: rows {named}: no number in {columns}",),
+        )
+
+    def _complaint(
+        self, wanted: Sequence[Wanted], pieces: list[tuple[Any, Mask, Mask]], columns: str
+    ) -> LogSchema:
+        for want, (_, unreadable, _) in zip(wanted, pieces, strict=True):
+            if isinstance(want.numeral, Stamp) and unreadable.all():
+                problem = f"no {want.column!r} is a time within 292 years: declare the unit of the time"
+                return LogSchema(self.path, "unit", problem)
+        return LogSchema(self.path, "parse", f"no row holds a number in each of {columns}")
+
+
+def _column(column: Any, want: Wanted) -> tuple[npt.NDArray[Any], Mask, Mask]:
+    """Values, which of them are no such numbers, and which are not finite where they must be."""
+    from pyarrow import compute, types
+
+    numeral: Numeral = want.numeral
+    if types.is_timestamp(column.type):
+        column, numeral = column.cast("timestamp[ns]").cast("int64"), Stamp(Unit.NS)
+    if want.hold:
+        column = compute.fill_null_forward(column)
+    absent = column.is_null().to_numpy()
+    if absent.any():
+        column = compute.fill_null(column, 0)
+    numbers = column.to_numpy()
+    values, refused = numeral.of_numbers(numbers)
+    finite = np.isfinite(numbers)
+    return values, absent | (refused & finite), refused & ~finite
+
+
+@contextlib.contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """What pyarrow complains of, as an error of ours."""
+    import pyarrow as pa
+
+    try:
+        yield
+    except (pa.ArrowException, OSError) as error:
+        reason = str(error).split("\n", 1)[0]
+        raise LogCorrupt(path, "corrupt", f"is not whole as a Parquet file: {reason}") from error

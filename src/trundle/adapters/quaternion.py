@@ -1,0 +1,30 @@
+"""Headings as unit quaternions (x, y, z, w), the way messages and files write them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["quaternion_of_yaw", "yaw_of_quaternion"]
+
+Floats = npt.NDArray[np.float64]
+
+
+def quaternion_of_yaw(yaw: Floats) -> tuple[Floats, Floats]:
+    """z and w of the quaternion of a heading [rad]; its x and y are zero."""
+    return np.sin(0.5 * yaw), np.cos(0.5 * yaw)
+
+
+def yaw_of_quaternion(x: Any, y: Any, z: Any, w: Any) -> Floats:
+    """Heading [rad] of the rotated x axis, in (-pi, pi]; NaN of the zero quaternion, which is no rotation.
+
+    The quaternion's length does not matter.
+    """
+    x, y, z, w = (np.asarray(part, dtype=np.float64) for part in (x, y, z, w))
+    length = np.hypot(np.hypot(x, y), np.hypot(z, w))
+    safe = np.where(length > 0.0, length, np.nan)
+    x, y, z, w = x / safe, y / safe, z / safe, w / safe
+    yaw: Floats = np.arctan2(2.0 * (w * z + x * y), (w * w - z * z) + (x * x - y * y))
+    return yaw

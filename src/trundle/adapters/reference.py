@@ -1,0 +1,48 @@
+"""Where the robot really was, as a log's tracking system says it."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from trundle.geometry import se2
+from trundle.records import Trajectory
+from trundle.robot.log_mapping import ReferenceMapping
+
+__all__ = ["TRACKED_POINT", "reference_trajectory"]
+
+Floats = npt.NDArray[np.float64]
+
+TRACKED_POINT = "tracked_point"
+
+
+def reference_trajectory(
+    time_ns: npt.NDArray[np.int64], x: Floats, y: Floats, theta: Floats | None, mapping: ReferenceMapping
+) -> Trajectory:
+    """The recorded poses, in SI units, of the robot's base where that can be known.
+
+    With a heading, a pose of the tracked point becomes one of the base: `base = tracked @ mounting^-1`.
+    Without one that cannot be done: the positions stay those of the tracked point, and `child_frame` is
+    `tracked_point` where that is another point. Whoever compares moves the estimate there:
+    `estimate @ mounting`. Samples without a position are left out.
+
+    Args:
+        time_ns: Stamps [ns], shape (N,).
+        x: In the mapping's unit, shape (N,).
+        y: In the mapping's unit, shape (N,).
+        theta: In the mapping's angle unit, shape (N,); None where it was not measured.
+        mapping: Units and mounting.
+    """
+    heading = np.full(len(time_ns), np.nan) if theta is None else theta * mapping.angle_unit.factor
+    poses = np.stack([x * mapping.unit.factor, y * mapping.unit.factor, heading], axis=-1)
+    mounted = mapping.mounting != (0.0, 0.0, 0.0)
+    if mounted and theta is not None:
+        poses = se2.compose(poses, se2.inverse(np.array(mapping.mounting)))
+    measured = np.isfinite(poses[:, :2]).all(axis=1)
+    elsewhere = theta is None and mapping.mounting[:2] != (0.0, 0.0)
+    return Trajectory(
+        time_ns=time_ns[measured],
+        poses=poses[measured],
+        frame="map",
+        child_frame=TRACKED_POINT if elsewhere else "base_link",
+    )

@@ -1,0 +1,114 @@
+"""Tables of numbers: text and Parquet behind one door."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
+
+import numpy.typing as npt
+
+from trundle.adapters.content import Content, content_of
+from trundle.adapters.numeral import Numeral
+from trundle.errors import LogError, LogSchema, did_you_mean
+from trundle.robot.log_mapping import TableFormat
+
+__all__ = ["ColumnName", "Rows", "Table", "Wanted", "column_index", "open_table"]
+
+ColumnName: TypeAlias = str | int
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A column to read.
+
+    Attributes:
+        column: Its name, or its number counted from 0.
+        numeral: How its numbers are kept.
+        hold: Where its cell is empty, the last value still holds.
+    """
+
+    column: ColumnName
+    numeral: Numeral
+    hold: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """What was read.
+
+    Attributes:
+        columns: In the order in which they were wanted, all of one length.
+        rejected: Rows that were left out, by reason: `parse`, `nonfinite`.
+        warnings: Which rows, and why, as sentences.
+    """
+
+    columns: tuple[npt.NDArray[Any], ...]
+    rejected: Counter[str] = field(default_factory=Counter)
+    warnings: tuple[str, ...] = ()
+
+
+class Table(Protocol):
+    """A table that is read column by column.
+
+    Attributes:
+        path: The file.
+        names: Names of its columns; their numbers from 0 where it names none.
+    """
+
+    path: Path
+    names: tuple[ColumnName, ...]
+
+    def read(self, wanted: Sequence[Wanted]) -> Rows:
+        """The wanted columns.
+
+        Raises:
+            LogSchema: If one does not exist, is ambiguous, or holds nothing that could be read.
+            LogError: If the file cannot be read, or has no rows (`empty`).
+        """
+
+
+def open_table(path: str | os.PathLike[str], table_format: TableFormat | None = None) -> Table:
+    """A table by its content: text, or Parquet.
+
+    Args:
+        path: The file.
+        table_format: How text is written; plain CSV with a header by default.
+
+    Raises:
+        LogError: If it is neither, or cannot be read.
+    """
+    path = Path(path)
+    content = content_of(path)
+    if content is Content.TEXT:
+        from trundle.adapters.text_table import TextTable
+
+        return TextTable(path, table_format or TableFormat())
+    if content is Content.PARQUET:
+        from trundle.adapters.parquet_table import ParquetTable
+
+        return ParquetTable(path)
+    raise LogError(path, "format", f"is {content.value}, must be a table (text or Parquet)")
+
+
+def column_index(path: Path, names: Sequence[ColumnName], column: ColumnName, hint: str = "") -> int:
+    """Where a column stands.
+
+    Raises:
+        LogSchema: If it does not exist or several have that name; the message lists what exists.
+    """
+    found = [index for index, name in enumerate(names) if name == column]
+    if not found and isinstance(column, int) and 0 <= column < len(names):
+        found = [column]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise LogSchema(path, "column", f"columns {found} are all named {column!r}; choose one by its number")
+    words = [str(name) for name in names]
+    columns = f"{len(words)} columns: {', '.join(words[:40])}{', ...' if len(words) > 40 else ''}"
+    nearest = did_you_mean(str(column), words)
+    nearest = f"{nearest} " if nearest.startswith("did") else ""
+    raise LogSchema(path, "column", f"no column {column!r}; {nearest}it has {columns}{hint and '; ' + hint}")

@@ -1,0 +1,169 @@
+"""Wheel logs from tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trundle.adapters.conversion import (
+    Conversion,
+    check_steering,
+    check_time,
+    scalar_conversion,
+    wheel_conversions,
+    wheel_names,
+)
+from trundle.adapters.default_columns import default_time, with_default_columns
+from trundle.adapters.numeral import Real, Stamp
+from trundle.adapters.reference import reference_trajectory
+from trundle.adapters.table import ColumnName, Rows, Table, Wanted, open_table
+from trundle.errors import ConfigError, LogSchema
+from trundle.records import Reading, Trajectory, WheelLog
+from trundle.robot import Robot
+from trundle.robot.log_mapping import LogMapping, ReferenceMapping, ScalarMapping, TimeMapping, Unit
+
+__all__ = ["read_table_log"]
+
+Array = npt.NDArray[Any]
+
+
+def read_table_log(path: Path, robot: Robot, mapping: LogMapping) -> WheelLog:
+    """A table as a wheel log.
+
+    What the mapping does not name is looked for under Trundle's own column names.
+
+    Args:
+        path: Text or Parquet.
+        robot: Whose wheels it holds.
+        mapping: Where they stand.
+
+    Raises:
+        LogSchema: If a column is missing or ambiguous, or cannot be in its unit.
+        LogError: If the file cannot be read.
+        ConfigError: If the mapping does not fit the robot, or is one of topics.
+    """
+    table = open_table(path, mapping.table)
+    mapping = with_default_columns(mapping, robot, path, table.names)
+    time = mapping.time or default_time(table.names)
+    wheels = {name: mapping.wheels[name] for name in _names(robot, mapping)}
+    reading, conversions = wheel_conversions(robot, wheels) if wheels else (Reading.POSITION, {})
+
+    wanted = _WantedColumns(path)
+    wanted.add("time", Wanted(time.column, Stamp(time.unit)))
+    for name, wheel in wheels.items():
+        wanted.add_scalar(f"log.wheels.{name}", wheel, conversions[name])
+    for name, scalar in mapping.steering.items():
+        field = f"log.steering.{name}"
+        wanted.add_scalar(field, scalar, scalar_conversion(field, scalar, Unit.RAD))
+    if mapping.gyro is not None:
+        wanted.add_scalar("log.gyro", mapping.gyro, scalar_conversion("log.gyro", mapping.gyro, Unit.RAD_S))
+    twist = _twist_columns(path, mapping)
+    for column in twist:
+        wanted.add(f"log.twist.{column}", Wanted(column, Real()))
+
+    rows = table.read(wanted.columns)
+    take = wanted.taker(rows)
+    time_ns = take("time")
+    check_time(path, time_ns, time.unit)
+    for name, scalar in mapping.steering.items():
+        check_steering(path, robot, name, scalar, take(f"log.steering.{name}"))
+    reference, warnings = _reference(table, mapping, time)
+    return WheelLog(
+        time_ns=time_ns,
+        wheel_names=tuple(wheels),
+        wheels=_beside([take(f"log.wheels.{name}") for name in wheels]),
+        reading=reading,
+        steering_names=tuple(mapping.steering),
+        steering=_beside([take(f"log.steering.{name}") for name in mapping.steering]),
+        yaw_rate=None if mapping.gyro is None else take("log.gyro"),
+        twists=_beside([take(f"log.twist.{column}") for column in twist]),
+        reference=reference,
+        rejected=rows.rejected,
+        warnings=(*rows.warnings, *warnings),
+        source=str(path),
+    )
+
+
+class _WantedColumns:
+    """What is read in one pass, by what it is for."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.columns: list[Wanted] = []
+        self._places: dict[str, tuple[int, Conversion]] = {}
+
+    def add(self, purpose: str, wanted: Wanted, factor: float = 1) -> None:
+        self._places[purpose] = len(self.columns), Conversion(wanted.numeral, factor)
+        self.columns.append(wanted)
+
+    def add_scalar(self, field: str, mapping: ScalarMapping, conversion: Conversion) -> None:
+        if mapping.column is None:
+            raise _needs_columns(self.path, f"{field}.topic", mapping.topic)
+        self.add(field, Wanted(mapping.column, conversion.numeral, mapping.hold), conversion.factor)
+
+    def taker(self, rows: Rows) -> Callable[[str], Array]:
+        def take(purpose: str) -> Array:
+            place, conversion = self._places[purpose]
+            return conversion.of(rows.columns[place])
+
+        return take
+
+
+def _names(robot: Robot, mapping: LogMapping) -> tuple[str, ...]:
+    return wheel_names(robot, mapping.wheels) if mapping.wheels else ()
+
+
+def _twist_columns(path: Path, mapping: LogMapping) -> tuple[ColumnName, ...]:
+    if mapping.twist is None:
+        return ()
+    if mapping.twist.columns is None:
+        raise _needs_columns(path, "log.twist.topic", mapping.twist.topic)
+    return mapping.twist.columns
+
+
+def _needs_columns(path: Path, field: str, topic: str | None) -> ConfigError:
+    return ConfigError(field, f"{topic!r}, but {path} is a table: must be a column")
+
+
+def _beside(columns: list[Array]) -> Array | None:
+    return np.stack(columns, axis=-1) if columns else None
+
+
+# --- the reference -------------------------------------------------------------------------------
+
+
+def _reference(
+    table: Table, mapping: LogMapping, time: TimeMapping
+) -> tuple[Trajectory | None, tuple[str, ...]]:
+    """The reference and what was wrong with some of its rows.
+
+    It is read in a pass of its own: where tracking was lost, the wheels still turned.
+    """
+    reference = mapping.reference
+    if reference is None:
+        return None, ()
+    if reference.columns is None:
+        raise _needs_columns(table.path, "log.reference.topic", reference.topic)
+    if reference.file is not None:
+        table = open_table(table.path.parent / reference.file, mapping.table)
+        time = reference.time or (time if mapping.time else default_time(table.names))
+    try:
+        rows = table.read(
+            [Wanted(time.column, Stamp(time.unit)), *(Wanted(c, Real()) for c in reference.columns)]
+        )
+    except LogSchema as error:
+        if error.reason != "parse":
+            raise
+        return None, (f"the log has reference columns, but no row of them is whole: {error.problem}",)
+    check_time(table.path, rows.columns[0], time.unit)
+    trajectory = _trajectory(rows, reference)
+    return trajectory, tuple(f"reference: {warning}" for warning in rows.warnings)
+
+
+def _trajectory(rows: Rows, mapping: ReferenceMapping) -> Trajectory:
+    time_ns, x, y, *theta = rows.columns
+    return reference_trajectory(time_ns, x, y, theta[0] if theta else None, mapping)

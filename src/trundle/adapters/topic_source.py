@@ -1,0 +1,151 @@
+"""Numbers of a recording's topics, message by message, with the time that counts."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trundle.adapters.bag import BagReader, TopicColumns
+from trundle.errors import LogError, LogSchema, did_you_mean
+from trundle.robot.log_mapping import Clock
+
+__all__ = ["TopicSource"]
+
+Array = npt.NDArray[Any]
+Mask = npt.NDArray[np.bool_]
+Stamps = npt.NDArray[np.int64]
+
+SKEW = 0.1  # standard deviation between header stamps and receive times [s] above which they disagree
+
+
+class TopicSource:
+    """A recording whose messages are stamped by one of two clocks.
+
+    Attributes:
+        bag: The recording.
+        warnings: What a person should know about its clocks, as sentences.
+    """
+
+    def __init__(self, bag: BagReader, clock: Clock) -> None:
+        self.bag = bag
+        self.warnings: list[str] = []
+        self._clock = clock
+
+    @property
+    def description(self) -> str:
+        """Its topics and their types, for errors."""
+        return (
+            ", ".join(f"{topic} ({info.type})" for topic, info in sorted(self.bag.topics.items())) or "none"
+        )
+
+    def type_of(self, topic: str) -> str:
+        """Type of a topic's messages.
+
+        Raises:
+            LogSchema: If there is no such topic.
+        """
+        if topic not in self.bag.topics:
+            nearest = did_you_mean(topic, self.bag.topics)
+            nearest = f"{nearest} " if nearest.startswith("did") else ""
+            raise LogSchema(self.bag.path, "topic", f"no topic {topic!r}; {nearest}it has {self.description}")
+        return self.bag.topics[topic].type
+
+    def read(self, topic: str, fields: Sequence[str]) -> tuple[Stamps, TopicColumns]:
+        """Stamps and fields of a topic's messages.
+
+        Raises:
+            LogSchema: If topic or field does not exist.
+            LogError: If there is no message.
+        """
+        columns = self.bag.read(topic, fields)
+        if not len(columns.receive_ns):
+            raise LogError(self.bag.path, "empty", f"{topic} has no message")
+        return self._stamps(topic, columns), columns
+
+    def _stamps(self, topic: str, columns: TopicColumns) -> Stamps:
+        header, receive = columns.header_ns, columns.receive_ns
+        if self._clock is Clock.RECEIVE:
+            return receive
+        if header is None or not header.any():
+            self.warnings.append(f"{topic}: its messages bear no stamp; the times of receipt are used")
+            return receive
+        skew = float(np.std((receive - receive[0]) - (header - header[0]))) * 1e-9
+        if skew > SKEW:
+            self.warnings.append(
+                f"{topic}: stamps and times of receipt disagree (standard deviation {skew:.3g} s); "
+                "the stamps are used; log.clock: receive would use the others"
+            )
+        return header
+
+    def numbers(self, topic: str, columns: TopicColumns, path: str) -> Array:
+        """A field that holds one number per message.
+
+        Raises:
+            LogSchema: If it holds something else.
+        """
+        values = columns.columns[path]
+        if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiub":
+            raise LogSchema(self.bag.path, "type", f"{topic}: {path} holds no single numbers")
+        if values.ndim != 1:
+            raise LogSchema(
+                self.bag.path, "field", f"{topic}: {path} is an array; say which element by name: 0, 1, ..."
+            )
+        return values
+
+    def elements(
+        self, topic: str, columns: TopicColumns, path: str, name: str | int, names: str
+    ) -> tuple[Array, Mask]:
+        """One element of an array field, and in which messages it is there.
+
+        Args:
+            topic: For errors.
+            columns: What was read.
+            path: The array's field.
+            name: Its name, as each message says it; or its number from 0.
+            names: The field that holds the names.
+
+        Raises:
+            LogSchema: If no message has it; the message lists what they have.
+        """
+        values: Any = columns.columns[path]
+        count = len(columns.receive_ns)
+        plain = isinstance(values, np.ndarray) and values.ndim == 2 and values.dtype.kind in "fiub"
+        if not plain and not (isinstance(values, list) and isinstance(values[0], np.ndarray)):
+            raise LogSchema(self.bag.path, "type", f"{topic}: {path} is no array of numbers")
+        found, present = np.zeros(count, values[0].dtype), np.zeros(count, dtype=bool)
+        known: Counter[str] = Counter()
+        for words, rows in _layouts(columns.columns[names] if isinstance(name, str) else None, count):
+            known.update(words)
+            place = name if isinstance(name, int) else words.index(name) if name in words else None
+            if place is None:
+                continue
+            for row in rows if not plain else ():
+                if place < len(values[row]):
+                    found[row], present[row] = values[row][place], True
+            if plain and place < values.shape[1]:
+                found[rows], present[rows] = values[rows, place], True
+        if not present.any():
+            has = f"it has {', '.join(sorted(known))}" if known else f"its {path} is shorter"
+            nearest = did_you_mean(str(name), known)
+            raise LogSchema(
+                self.bag.path,
+                "joint",
+                f"{topic}: no element {name!r}; {nearest if 'mean' in nearest else has}",
+            )
+        return found, present
+
+
+def _layouts(names: Any, count: int) -> Iterator[tuple[tuple[str, ...], Array]]:
+    """Each order of names with the messages that have it."""
+    if names is None or isinstance(names, tuple):
+        yield names or (), np.arange(count)
+        return
+    rows: dict[tuple[str, ...], list[int]] = {}
+    for row, words in enumerate(names):
+        rows.setdefault(tuple(words), []).append(row)
+    for words, members in rows.items():
+        yield words, np.array(members)

@@ -1,0 +1,53 @@
+"""TUM trajectories: `time x y z qx qy qz qw` per line, in seconds and metres, separated by blanks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from trundle.adapters.numeral import Real, Stamp
+from trundle.adapters.quaternion import quaternion_of_yaw, yaw_of_quaternion
+from trundle.adapters.table import Wanted, open_table
+from trundle.errors import InputError
+from trundle.records import Trajectory
+from trundle.robot.log_mapping import TableFormat
+
+__all__ = ["read_tum", "write_tum"]
+
+
+def write_tum(trajectory: Trajectory, path: Path) -> None:
+    """Write the poses. Stamps have all nine decimals, other numbers what it takes to read back the same.
+
+    Raises:
+        InputError: If a pose is not finite: a quaternion cannot say "unknown".
+    """
+    unknown = np.flatnonzero(~np.isfinite(trajectory.poses).all(axis=1))
+    if unknown.size:
+        pose = trajectory.poses[unknown[0]].tolist()
+        raise InputError(f"pose {unknown[0]} is {pose}, must be finite in a .tum file; .csv can hold it")
+    z, w = quaternion_of_yaw(trajectory.poses[:, 2])
+    rows = zip(*(c.tolist() for c in (trajectory.time_ns, *trajectory.poses.T[:2], z, w)), strict=True)
+    with path.open("w", encoding="ascii", newline="\n") as file:
+        file.writelines(f"{_seconds(t)} {x!r} {y!r} 0 0 0 {qz!r} {qw!r}\n" for t, x, y, qz, qw in rows)
+
+
+def read_tum(path: Path) -> Trajectory:
+    """Read poses; headings come in (-pi, pi].
+
+    Raises:
+        LogError: If the file cannot be read.
+        LogSchema: If it has other than eight columns.
+    """
+    table = open_table(path, TableFormat(delimiter=" ", header=False))
+    columns = [Wanted(0, Stamp()), *(Wanted(k, Real()) for k in (1, 2, 4, 5, 6, 7))]
+    rows = table.read(columns)
+    time_ns, x, y, *quaternion = rows.columns
+    poses = np.stack([x, y, yaw_of_quaternion(*quaternion)], axis=-1)
+    return Trajectory(time_ns=time_ns, poses=poses, rejected=rows.rejected)
+
+
+def _seconds(time_ns: int) -> str:
+    """Seconds with nine decimals, without a detour through floats."""
+    whole, fraction = divmod(abs(time_ns), 10**9)
+    return f"{'-' if time_ns < 0 else ''}{whole}.{fraction:09d}"
