@@ -29,8 +29,17 @@ DRIVES = {
         [(0.1, 0.2, 0.0), (-0.1, 0.0, math.pi / 2)], R, measured=("wheel_1", "wheel_2", "gyro")
     ),
 }
-NOISE = tr.Noise(wheel_distance=0.01, lateral_slip=0.005, steering=0.01, gyro=0.002)
-ROBOTS = {name: tr.Robot(drive=drive, noise=NOISE) for name, drive in DRIVES.items()}
+NOISE = tr.Noise(
+    wheel_distance=0.01, lateral_slip=0.005, steering=0.01, gyro=0.002, wheel_radius=0.003, track_width=0.01
+)
+ROBOTS = {
+    name: tr.Robot(
+        drive=drive,
+        noise=NOISE,
+        encoders=dict.fromkeys(drive.measured_names, tr.Encoder(ticks_per_revolution=500)),
+    )
+    for name, drive in DRIVES.items()
+}
 every_robot = pytest.mark.parametrize(
     "robot", [pytest.param(robot, id=name) for name, robot in ROBOTS.items()]
 )

@@ -26,6 +26,7 @@ __all__ = [
     "in_odom_frame",
     "mapped",
     "matrix",
+    "mean_offset",
     "outer",
     "propagate",
     "rotated",
@@ -104,6 +105,22 @@ def propagate(
     sxy += 0.25 * (axt * byt + ayt * bxt - att * bxy - axy * btt)
     # The terms with theta cancel: A_a b + A_b a has none.
     return (sxx, sxy, syy, axt + bxt, ayt + byt, att + btt)
+
+
+def mean_offset(six: Six, heading: float) -> tuple[float, float]:
+    """How far the mean of where the robot may be lies from its pose, in the odom frame [m].
+
+    Headings that err to either side both shorten a straight line, so the mean falls behind the pose:
+    `E[exp(e)]` to second order in e.
+
+    Args:
+        six: Body-frame covariance.
+        heading: Of the pose [rad].
+    """
+    _, _, _, xt, yt, _ = six
+    c, s = math.cos(heading), math.sin(heading)
+    x, y = -0.5 * yt, 0.5 * xt
+    return c * x - s * y, s * x + c * y
 
 
 def in_odom_frame(six: Six, heading: float) -> Six:

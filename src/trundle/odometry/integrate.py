@@ -19,7 +19,7 @@ from array_api_compat import numpy as standard  # the array API, on NumPy 1.26 t
 from trundle.errors import InputError, LogSchema, ShapeError, Unobservable, did_you_mean
 from trundle.geometry import Pose2D
 from trundle.odometry import path
-from trundle.odometry.covariance import ZERO
+from trundle.odometry.covariance import ZERO, weighted_sum
 from trundle.odometry.encoder_counts import count_differences
 from trundle.odometry.integrator import Integrator
 from trundle.odometry.wheel_odometry import CLOCK_RESOLUTION_NS, Memory, WheelOdometry
@@ -170,7 +170,7 @@ class _Fold:
         count = len(rows)
         self.time_ns = np.empty(count, dtype=np.int64)
         self.poses, self.twists = np.empty((count, 3)), np.empty((count, 3))
-        self.upper = None if odometry.noise is None else np.empty((count, 6))
+        self.upper = None if odometry.errors is None else np.empty((count, 6))
         self.filled = 0
 
     def run(self, lost: Mapping[str, int]) -> Trajectory:
@@ -248,10 +248,21 @@ class _Fold:
             twist = [part / seconds for part in raw]
         for k, column in enumerate(twist):
             self.twists[out, k] = column
-        if self.upper is not None and odometry.noise is not None:
-            noise = odometry.noise(turned, middle, raw, seconds, turn is not None, np)
-            upper = path.covariances(standard, step, noise, pose, memory.upper, memory.pose)
-            for k, column in enumerate(upper):
+        upper, quantum, drifts = ZERO, ZERO, memory.drifts
+        if self.upper is not None and odometry.errors is not None:
+            errors, with_gyro = odometry.errors, turn is not None
+            gains = errors.gains(middle, with_gyro, np)
+            noise = errors.noise(gains, turned, raw, seconds, with_gyro, np)
+            grown = path.covariances(standard, step, noise, pose, memory.upper, memory.pose)
+            upper = tuple(float(column[-1]) for column in grown)
+            quantum = tuple(float(np.broadcast_to(part, seconds.shape)[-1]) for part in gains[2])
+            reported = weighted_sum((1.0, 1.0), (grown, gains[2]))
+            if drifts:
+                changes = errors.drift(gains, turned, raw, turn)
+                sums = path.drifts(standard, changes, step, pose, drifts)
+                reported = path.with_drifts(standard, reported, sums, pose)
+                drifts = [tuple(float(part[-1]) for part in column) for column in sums]
+            for k, column in enumerate(reported):
                 self.upper[out, k] = column
         last = rows.stop - 1
         odometry.resume(
@@ -263,9 +274,11 @@ class _Fold:
             memory=Memory(
                 pose=tuple(float(column[-1]) for column in pose),
                 twist=tuple(self.twists[out.stop - 1].tolist()),
-                upper=ZERO if self.upper is None else tuple(self.upper[out.stop - 1].tolist()),
+                upper=upper,
                 before=tuple(float(part[-1]) for part in raw),
                 before_ns=int(data.time_ns[last] - data.time_ns[last - 1]),
+                quantum=quantum,
+                drifts=drifts,
             ),
         )
         return True

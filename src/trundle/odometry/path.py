@@ -13,10 +13,10 @@ import numpy as np
 from array_api_compat import is_numpy_array
 
 from trundle.geometry import se2
-from trundle.odometry.covariance import Six, mapped, rotated
+from trundle.odometry.covariance import Six, mapped, outer, rotated, weighted_sum
 from trundle.odometry.integrator import Integrator, commutator_factor
 
-__all__ = ["corrected", "covariances", "poses"]
+__all__ = ["corrected", "covariances", "drifts", "poses", "with_drifts"]
 
 Array = Any
 Columns = Sequence[Array]
@@ -122,6 +122,42 @@ def covariances(xp: Any, step: Columns, noise: Six, pose: Columns, before: Six, 
     zxy = _recurrence(xp, shrink, fxy, before[1])
     fixed = (0.5 * (total + contrast), zxy, 0.5 * (total - contrast), zxt, zyt, ztt)
     return _adjoint_inverse(xp, fixed, relative)
+
+
+def drifts(
+    xp: Any, changes: Sequence[Columns], step: Columns, pose: Columns, before: Sequence[Columns]
+) -> list[Columns]:
+    """What errors of the description have done after each step, seen from the odom frame.
+
+    Args:
+        xp: Namespace of the arrays.
+        changes: Per uncertain number, what one sigma of it changes in each step's displacement.
+        step: Displacements, corrected, each (..., steps).
+        pose: Poses after each step.
+        before: The sums before the first step, per uncertain number.
+    """
+    dx, dy, dt = step
+    x, y, heading = pose
+    # Each acts where the step was at its middle.
+    c, s = _direction(xp, heading - 0.5 * dt)
+    x, y = x - 0.5 * (c * dx - s * dy), y - 0.5 * (s * dx + c * dy)
+    found: list[Columns] = []
+    for (px, py, pt), start in zip(changes, before, strict=True):
+        parts = (c * px - s * py + y * pt, s * px + c * py - x * pt, pt)
+        sums = (xp.cumulative_sum(part, axis=-1) for part in parts)
+        found.append([first + total for first, total in zip(start, sums, strict=True)])
+    return found
+
+
+def with_drifts(xp: Any, six: Six, sums: Sequence[Columns], pose: Columns) -> Six:
+    """Covariances with the errors of the description, each of one sigma, added."""
+    x, y, heading = pose
+    c, s = xp.cos(heading), xp.sin(heading)
+    terms = [six]
+    for gx, gy, gt in sums:
+        ux, uy = gx - y * gt, gy + x * gt
+        terms.append(outer((c * ux + s * uy, c * uy - s * ux, gt)))
+    return weighted_sum([1.0] * len(terms), terms)
 
 
 def _direction(xp: Any, angle: Array) -> tuple[Array, Array]:

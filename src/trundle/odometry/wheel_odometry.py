@@ -16,11 +16,21 @@ import msgspec
 
 from trundle.errors import InputError, ShapeError, Unobservable, require_positive
 from trundle.geometry import Pose2D, Twist2D
-from trundle.odometry.covariance import ZERO, Matrix, Six, in_odom_frame, matrix, propagate
+from trundle.odometry.covariance import (
+    ZERO,
+    Matrix,
+    Six,
+    in_odom_frame,
+    matrix,
+    mean_offset,
+    outer,
+    propagate,
+    weighted_sum,
+)
 from trundle.odometry.encoder_counts import count_difference, whole_count
+from trundle.odometry.error_model import ErrorModel
 from trundle.odometry.integrator import Integrator
 from trundle.odometry.plausibility import Plausibility
-from trundle.odometry.step_noise import StepNoise
 from trundle.records import Reading
 from trundle.robot import Encoder, Kinematics, Robot
 
@@ -67,6 +77,12 @@ class OdometryState(msgspec.Struct, frozen=True, gc=False):
         """The same with x and y along the axes of the odom frame, for messages that want that."""
         return matrix(in_odom_frame(self.upper, self.pose.theta))
 
+    @property
+    def mean_position(self) -> tuple[float, float]:
+        """Mean of where the robot may be [m]: behind the pose, since every wrong heading is a detour."""
+        x, y = mean_offset(self.upper, self.pose.theta)
+        return self.pose.x + x, self.pose.y + y
+
 
 class Memory(NamedTuple):
     """What the next step needs of the last one besides its reading.
@@ -77,6 +93,8 @@ class Memory(NamedTuple):
         upper: Upper triangle of the covariance.
         before: Displacement of the last step as measured, for the commutator; None after a break.
         before_ns: Its duration.
+        quantum: Covariance of half ticks at the last step.
+        drifts: What errors of the description have done so far, seen from the odom frame.
     """
 
     pose: tuple[float, ...]
@@ -84,6 +102,8 @@ class Memory(NamedTuple):
     upper: Six
     before: Sequence[float] | None
     before_ns: int
+    quantum: Six = ZERO
+    drifts: Sequence[Sequence[float]] = ()
 
 
 class WheelOdometry:
@@ -118,6 +138,7 @@ class WheelOdometry:
         "_count",
         "_covariance",
         "_displacement",
+        "_drifts",
         "_far_x",
         "_far_y",
         "_has_gyro",
@@ -125,7 +146,9 @@ class WheelOdometry:
         "_lead",
         "_lost",
         "_low",
+        "_more",
         "_needs_gyro",
+        "_quantum",
         "_reading",
         "_steered",
         "_steering",
@@ -146,7 +169,7 @@ class WheelOdometry:
         "events",
         "integrator",
         "max_gap_ns",
-        "noise",
+        "errors",
         "plausible",
         "rejected",
         "robot",
@@ -171,7 +194,7 @@ class WheelOdometry:
         self._chord = self.integrator in (Integrator.ARC, Integrator.ARC_PLUS)
         self._lead = 0.0 if self.integrator is Integrator.EULER else 0.5
         self.max_gap_ns = round(require_positive("max_gap", max_gap) * 1e9)
-        self.noise = StepNoise(self.drive, self.robot.noise) if covariance else None
+        self.errors = ErrorModel(self.drive, self.robot.noise, self.robot.encoders) if covariance else None
         self.plausible = Plausibility(self.robot)
         self._surely = min(rate for rate, _ in self.plausible.bounds)
         self._count = len(self.drive.measured_names)
@@ -194,6 +217,8 @@ class WheelOdometry:
         self._steering: Numbers = ()
         self._yaw_rate: float | None = None
         self._twist = Twist2D()
+        self._quantum = ZERO
+        self._more = self.errors is not None and (self.errors.drifts > 0 or self.errors.ticks)
         self._lost = False
         self.reset(pose or Pose2D())
 
@@ -222,6 +247,7 @@ class WheelOdometry:
         self._x = self._y = self._theta = 0.0
         self._steps = 0
         self._covariance = covariance
+        self._drifts = [(0.0, 0.0, 0.0)] * (self.errors.drifts if self.errors is not None else 0)
         self._before: Sequence[float] | None = None
         self.state = OdometryState(self._time_ns, pose, self._twist, True, "reset", covariance)
 
@@ -299,6 +325,8 @@ class WheelOdometry:
             self._covariance,
             self._before,
             self._before_ns,
+            self._quantum,
+            self._drifts,
         )
 
     def resume(
@@ -314,6 +342,7 @@ class WheelOdometry:
         """Go on after `count` samples that were accepted elsewhere, the last of them this one."""
         self._twist = Twist2D(*memory.twist)
         self.reset(Pose2D(*memory.pose), covariance=memory.upper)
+        self._drifts, self._quantum = list(memory.drifts), memory.quantum
         if self._commutes:
             self._before, self._before_ns = memory.before, memory.before_ns
         self.accepted += count - 1
@@ -392,17 +421,50 @@ class WheelOdometry:
         if self._steps >= FOLD:
             self._fold()
 
-        if self.noise is not None:
-            noise = self.noise(turned, middle, measured, seconds, turn is not None)
+        if self.errors is not None:
+            gains = self.errors.gains(middle, turn is not None)
+            noise = self.errors.noise(gains, turned, measured, seconds, turn is not None)
             if reason == "gap":
                 noise = _unknown_path(noise, dx, dy)
             self._covariance = propagate(
                 self._covariance, (dx, dy, dt), noise, chord=self._chord, lead=self._lead
             )
+            self._quantum = gains[2]
+            if self._drifts:
+                self._drift_on(self.errors.drift(gains, turned, measured, turn), (dx, dy, dt))
         if kind is VELOCITY:
             measured, seconds = self._displacement(reading, steering, yaw_rate), 1.0
         self._twist = Twist2D(measured[0] / seconds, measured[1] / seconds, measured[2] / seconds)
         return self._accept(time_ns, reading, steering, yaw_rate, reason)
+
+    def _drift_on(self, changes: Sequence[Sequence[float]], step: Numbers) -> None:
+        """Add what errors of the description did to this step, seen from the odom frame.
+
+        There they are plain sums. Each acts where the step was at its middle.
+        """
+        dx, dy, dt = step
+        middle = self._toward + self._theta - 0.5 * dt
+        c, s = cos(middle), sin(middle)
+        x = self._far_x + self._x - 0.5 * (c * dx - s * dy)
+        y = self._far_y + self._y - 0.5 * (s * dx + c * dy)
+        self._drifts = [
+            (gx + c * px - s * py + y * pt, gy + s * px + c * py - x * pt, gt + pt)
+            for (gx, gy, gt), (px, py, pt) in zip(self._drifts, changes, strict=True)
+        ]
+
+    def _reported(self) -> Six:
+        """All that is uncertain about the pose: what was accumulated, half ticks, and the description."""
+        six = self._covariance
+        if self._quantum[5]:
+            six = weighted_sum((1.0, 1.0), (six, self._quantum))
+        if self._drifts:
+            x, y = self._far_x + self._x, self._far_y + self._y
+            heading = self._toward + self._theta
+            c, s = cos(heading), sin(heading)
+            levers = [(gx - y * gt, gy + x * gt, gt) for gx, gy, gt in self._drifts]
+            here = [(c * ux + s * uy, c * uy - s * ux, gt) for ux, uy, gt in levers]
+            six = weighted_sum([1.0] * (len(here) + 1), [six, *map(outer, here)])
+        return six
 
     def _fold(self) -> None:
         """Add the recent steps to the far sums, which are compensated: a day at 1 kHz loses nothing."""
@@ -429,7 +491,8 @@ class WheelOdometry:
         pose = Pose2D(
             self._far_x + self._x, self._far_y + self._y, tau * self._turns + (self._toward + self._theta)
         )
-        self.state = state = OdometryState(time_ns, pose, self._twist, True, reason, self._covariance)
+        upper = self._reported() if self._more else self._covariance
+        self.state = state = OdometryState(time_ns, pose, self._twist, True, reason, upper)
         return state
 
     # --- samples that are not one step --------------------------------------------------------
@@ -498,8 +561,9 @@ class WheelOdometry:
         self._before = None
         if self._kind is Reading.INCREMENT and not reason.startswith("duplicate"):
             self._lost = True
-        pose = self.state.pose
-        self.state = state = OdometryState(self._time_ns, pose, self._twist, False, reason, self._covariance)
+        self.state = state = OdometryState(
+            self._time_ns, self.state.pose, self._twist, False, reason, self._reported()
+        )
         return state
 
     def _break(self, elapsed: int) -> str:
@@ -520,7 +584,7 @@ class WheelOdometry:
         sigma = seconds * max(speed, hypot(twist.vx, twist.vy))
         turn = seconds * max(yaw_rate, abs(twist.omega))
         xx, xy, yy, xt, yt, tt = self._covariance
-        if self.noise is not None:
+        if self.errors is not None:
             self._covariance = (xx + sigma**2, xy, yy + sigma**2, xt, yt, tt + turn**2)
 
     def _count_event(self, name: str) -> None:

@@ -99,12 +99,16 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             [m per sqrt(m)].
         steering: Of a measured steering angle [rad].
         gyro: Of a gyro's yaw rate, white [rad/s per sqrt(Hz)].
+        wheel_radius: Of each wheel's radius as described, as a fraction; it never averages out.
+        track_width: Of the distances between wheels as described, as a fraction of them.
     """
 
     wheel_distance: float = 0.01
     lateral_slip: float = 0.0
     steering: float = 0.0
     gyro: float = 0.001
+    wheel_radius: float = 0.0
+    track_width: float = 0.0
 
     def __post_init__(self) -> None:
         for field in self.__struct_fields__:
