@@ -10,7 +10,16 @@ from typing import Any, NamedTuple
 from trundle.errors import ConfigError, did_you_mean
 from trundle.robot.log_mapping import Unit
 
-__all__ = ["ANGLE", "LENGTH", "POSITION", "RADIUS", "Quantity", "read_number", "read_quantity"]
+__all__ = [
+    "ANGLE",
+    "LENGTH",
+    "POSITION",
+    "RADIUS",
+    "Quantity",
+    "read_number",
+    "read_quantity",
+    "spell_quantity",
+]
 
 
 class Quantity(NamedTuple):
@@ -80,6 +89,15 @@ def read_quantity(path: str, value: Any, quantity: Quantity) -> float:
     question = f"{guesses[0]}? Then write {bare} {guesses[0]}" if guesses else "what unit is it in?"
     problem = f"{bare} {si} is implausible ({limits}): {question}; write {bare} {si} if that is meant"
     raise ConfigError(path, problem)
+
+
+def spell_quantity(path: str, value: Any, quantity: Quantity) -> float | str:
+    """How `value` is written so that `read_quantity` reads it: with its unit where that must be said."""
+    del path  # the same signature as read_quantity
+    number = float(value)
+    if number == 0.0 or quantity.least <= abs(number) <= quantity.most:
+        return number
+    return f"{number!r} {quantity.si.value}"
 
 
 def _in_si(path: str, number: str, word: str, quantity: Quantity) -> float:

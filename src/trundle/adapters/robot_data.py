@@ -9,7 +9,16 @@ from typing import Any
 
 import msgspec
 
-from trundle.adapters.quantity import ANGLE, LENGTH, POSITION, RADIUS, Quantity, read_number, read_quantity
+from trundle.adapters.quantity import (
+    ANGLE,
+    LENGTH,
+    POSITION,
+    RADIUS,
+    Quantity,
+    read_number,
+    read_quantity,
+    spell_quantity,
+)
 from trundle.adapters.typed_section import check_keys, read_list, read_mapping, read_struct, shown
 from trundle.errors import ConfigError, did_you_mean
 from trundle.robot import DRIVES, Custom, Encoder, Kinematics, Limits, LogMapping, Noise, Robot, Wheel
@@ -20,7 +29,8 @@ __all__ = ["SECTIONS", "robot_from_data", "robot_to_data"]
 SECTIONS = ("name", "drive", "localizer", "encoders", "limits", "noise", "log")
 
 Data = dict[str, Any]
-Reader = Callable[[str, Any], Any]
+Leaf = Callable[[str, Any, Quantity], Any]
+Walk = Callable[[str, Any, Leaf], Any]  # one for both ways: a leaf reads a quantity, or spells it
 
 
 def robot_from_data(data: Any) -> Robot:
@@ -73,7 +83,8 @@ def _read_drive(path: str, value: Any, limits: Limits) -> Kinematics:
     for key, parameter in wanted.items():
         if key in given:
             nothing = given[key] is None and parameter.default is None
-            arguments[key] = None if nothing else _parameter_reader(drive, key)(f"{path}.{key}", given[key])
+            walk = _walk(drive, key)
+            arguments[key] = None if nothing else walk(f"{path}.{key}", given[key], read_quantity)
         elif key == "max_steering" and limits.max_steering is not None:
             arguments[key] = limits.max_steering
         elif parameter.default is inspect.Parameter.empty:
@@ -84,122 +95,124 @@ def _read_drive(path: str, value: Any, limits: Limits) -> Kinematics:
         raise error.inside(path) from None
 
 
-def _quantity(quantity: Quantity) -> Reader:
-    return lambda path, value: read_quantity(path, value, quantity)
+# What the values of a drive's parameters look like.
 
 
-def _read_radius(path: str, value: Any) -> float | dict[str, float]:
+def _quantity(quantity: Quantity) -> Walk:
+    return lambda path, value, leaf: leaf(path, value, quantity)
+
+
+def _radius(path: str, value: Any, leaf: Leaf) -> Any:
     """One radius, or one by wheel name."""
     if isinstance(value, Mapping):
-        return {name: read_quantity(f"{path}.{name}", one, RADIUS) for name, one in value.items()}
-    return read_quantity(path, value, RADIUS)
+        return {name: leaf(f"{path}.{name}", one, RADIUS) for name, one in value.items()}
+    return leaf(path, value, RADIUS)
 
 
-def _read_row(path: str, value: Any, *quantities: Quantity) -> tuple[float, ...]:
+def _row(*quantities: Quantity) -> Walk:
     """As many numbers as there are quantities."""
-    if not isinstance(value, list | tuple) or len(value) != len(quantities):
-        raise ConfigError(path, f"{shown(value)}, must be a list of {len(quantities)} numbers")
-    return tuple(
-        read_quantity(f"{path}[{k}]", one, quantity)
-        for k, (one, quantity) in enumerate(zip(value, quantities, strict=True))
-    )
+
+    def walk(path: str, value: Any, leaf: Leaf) -> tuple[Any, ...]:
+        if not isinstance(value, list | tuple) or len(value) != len(quantities):
+            raise ConfigError(path, f"{shown(value)}, must be a list of {len(quantities)} numbers")
+        parts = enumerate(zip(value, quantities, strict=True))
+        return tuple(leaf(f"{path}[{k}]", one, quantity) for k, (one, quantity) in parts)
+
+    return walk
 
 
-def _row(*quantities: Quantity) -> Reader:
-    return lambda path, value: _read_row(path, value, *quantities)
-
-
-def _places(*quantities: Quantity) -> Reader:
+def _places(*quantities: Quantity) -> Walk:
     """A list of rows, or rows by name."""
+    row = _row(*quantities)
 
-    def read(path: str, value: Any) -> Any:
+    def walk(path: str, value: Any, leaf: Leaf) -> Any:
         if isinstance(value, Mapping):
-            return {name: _read_row(f"{path}.{name}", row, *quantities) for name, row in value.items()}
-        return tuple(
-            _read_row(f"{path}[{k}]", row, *quantities) for k, row in enumerate(read_list(path, value))
-        )
+            return {name: row(f"{path}.{name}", one, leaf) for name, one in value.items()}
+        return tuple(row(f"{path}[{k}]", one, leaf) for k, one in enumerate(read_list(path, value)))
 
-    return read
+    return walk
 
 
-def _read_whole_number(path: str, value: Any) -> int:
+def _whole_number(path: str, value: Any, leaf: Leaf) -> int:
+    del leaf
     if read_number(path, value) != value or not isinstance(value, int):
         raise ConfigError(path, f"{value}, must be a whole number")
     return value
 
 
-def _read_names(path: str, value: Any) -> str | tuple[str, ...]:
+def _names(path: str, value: Any, leaf: Leaf) -> str | tuple[str, ...]:
     if isinstance(value, str):
         return value
-    for k, name in enumerate(read_list(path, value)):
-        _read_text(f"{path}[{k}]", name)
-    return tuple(value)
+    return tuple(_text(f"{path}[{k}]", name, leaf) for k, name in enumerate(read_list(path, value)))
 
 
-def _read_text(path: str, value: Any) -> str:
+def _text(path: str, value: Any, leaf: Leaf) -> str:
+    del leaf
     if not isinstance(value, str):
         raise ConfigError(path, f"{shown(value)}, must be text")
     return value
 
 
-def _read_flag(path: str, value: Any) -> bool:
+def _flag(path: str, value: Any, leaf: Leaf) -> bool:
+    del leaf
     if not isinstance(value, bool):
         raise ConfigError(path, f"{shown(value)}, must be true or false")
     return value
 
 
-_WHEEL_READERS: dict[str, Reader] = {
-    "name": _read_text,
+_WHEEL: dict[str, Walk] = {
+    "name": _text,
     "x": _quantity(POSITION),
     "y": _quantity(POSITION),
     "radius": _quantity(RADIUS),
     "heading": _quantity(ANGLE),
-    "kind": _read_text,
+    "kind": _text,
     "free_direction": _quantity(ANGLE),
     "steering_range": _row(ANGLE, ANGLE),
-    "driven": _read_flag,
+    "driven": _flag,
 }
 
 
-def _read_wheels(path: str, value: Any) -> tuple[Wheel, ...]:
-    return tuple(_read_wheel(f"{path}[{k}]", one) for k, one in enumerate(read_list(path, value)))
+def _wheels(path: str, value: Any, leaf: Leaf) -> tuple[Any, ...]:
+    return tuple(_wheel(f"{path}[{k}]", one, leaf) for k, one in enumerate(read_list(path, value)))
 
 
-def _read_wheel(path: str, value: Any) -> Wheel:
+def _wheel(path: str, value: Any, leaf: Leaf) -> Any:
+    if isinstance(value, Wheel):
+        return {key: _WHEEL[key](path, one, leaf) for key, one in _changed(value).items()}
     given = read_mapping(path, value)
-    check_keys(path, given, _WHEEL_READERS)
+    check_keys(path, given, _WHEEL)
     for key in ("name", "x", "y", "radius"):
         if key not in given:
             raise ConfigError(f"{path}.{key}", "missing; every wheel needs it")
+    fields = {key: _WHEEL[key](f"{path}.{key}", one, leaf) for key, one in given.items()}
     try:
-        return Wheel(**{key: _WHEEL_READERS[key](f"{path}.{key}", one) for key, one in given.items()})
+        return Wheel(**fields)
     except ConfigError as error:
-        if error.field.startswith(path):
-            raise
         raise error.inside(path) from None
 
 
-_READERS: dict[str, Reader] = {
+_PARAMETERS: dict[str, Walk] = {
     "track_width": _quantity(LENGTH),
     "wheelbase": _quantity(LENGTH),
     "robot_radius": _quantity(LENGTH),
-    "wheel_radius": _read_radius,
+    "wheel_radius": _radius,
     "icr_left": _quantity(POSITION),
     "icr_right": _quantity(POSITION),
     "icr_x": _quantity(POSITION),
     "front_y": _quantity(POSITION),
     "max_steering": _quantity(ANGLE),
     "first_wheel_angle": _quantity(ANGLE),
-    "wheel_count": _read_whole_number,
+    "wheel_count": _whole_number,
     "modules": _places(POSITION, POSITION),
     "wheels": _places(POSITION, POSITION, ANGLE),
-    "measured": _read_names,
+    "measured": _names,
     "reference": _row(POSITION, POSITION),
 }
 
 
-def _parameter_reader(drive: type[Kinematics], key: str) -> Reader:
-    return _read_wheels if drive is Custom and key == "wheels" else _READERS[key]
+def _walk(drive: type[Kinematics], key: str) -> Walk:
+    return _wheels if drive is Custom and key == "wheels" else _PARAMETERS[key]
 
 
 # ----------------------------------------------------------------------------------- encoders
@@ -266,10 +279,13 @@ def _read_log(value: Any, drives: Sequence[Kinematics]) -> LogMapping:
     return msgspec.structs.replace(read_struct("log", given, LogMapping), **entries)
 
 
+_MOUNTING = _row(POSITION, POSITION, ANGLE)
+
+
 def _read_reference(path: str, value: Any) -> ReferenceMapping:
     given = dict(read_mapping(path, value))
     if "mounting" in given:
-        given["mounting"] = _read_row(f"{path}.mounting", given["mounting"], POSITION, POSITION, ANGLE)
+        given["mounting"] = _MOUNTING(f"{path}.mounting", given["mounting"], read_quantity)
     return read_struct(path, given, ReferenceMapping)
 
 
@@ -278,14 +294,19 @@ def _read_reference(path: str, value: Any) -> ReferenceMapping:
 
 def robot_to_data(robot: Robot) -> Data:
     """Plain data from which `robot_from_data` makes the same robot; defaults are left out."""
+    noise, log = _changed(robot.noise), _changed(robot.log)
+    if "steering" in noise:
+        noise["steering"] = spell_quantity("", noise["steering"], ANGLE)
+    if "mounting" in log.get("reference", {}):
+        log["reference"]["mounting"] = list(_MOUNTING("", log["reference"]["mounting"], spell_quantity))
     sections = {
         "name": None if robot.name == "robot" else robot.name,
         "drive": _drive_data(robot.drive, robot.limits),
         "localizer": None if robot.localizer is None else _drive_data(robot.localizer, robot.limits),
         "encoders": _encoder_data(robot),
         "limits": _changed(robot.limits),
-        "noise": _changed(robot.noise),
-        "log": _changed(robot.log),
+        "noise": noise,
+        "log": log,
     }
     return {key: value for key, value in sections.items() if value not in (None, {})}
 
@@ -299,8 +320,12 @@ def _drive_data(drive: Kinematics, limits: Limits) -> Data:
     implied = {key: parameter.default for key, parameter in wanted.items()}
     if "max_steering" in wanted:
         implied["max_steering"] = limits.max_steering
-    said = {key: given[key] for key in wanted if given[key] != implied[key]}
-    return {"type": drive.type_name, **_plain(said)}
+    data: Data = {"type": drive.type_name}
+    for key in wanted:
+        if given[key] != implied[key]:
+            walk = _walk(type(drive), key)
+            data[key] = None if given[key] is None else _plain(walk(key, given[key], spell_quantity))
+    return data
 
 
 def _measured(drive: Kinematics, default: Any) -> Any:
@@ -312,8 +337,9 @@ def _measured(drive: Kinematics, default: Any) -> Any:
 
 def _encoder_data(robot: Robot) -> Data:
     """Defaults where all measured wheels agree, and what is left by wheel name."""
-    encoders = {name: _changed(encoder) for name, encoder in robot.encoders.items()}
     drives = [robot.drive] if robot.localizer is None else [robot.drive, robot.localizer]
+    order = dict.fromkeys([*(name for drive in drives for name in drive.wheel_names), *robot.encoders])
+    encoders = {name: _changed(robot.encoders[name]) for name in order if name in robot.encoders}
     measured = {name for drive in drives for name in drive.measured_names}
     if not measured or not measured <= set(encoders):
         return encoders
@@ -356,4 +382,6 @@ def _plain(value: Any) -> Any:
         return {str(key): _plain(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(one) for one in value]
+    if isinstance(value, float):
+        return float(value)  # not NumPy's
     return value

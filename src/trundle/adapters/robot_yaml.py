@@ -1,9 +1,9 @@
 """robot.yaml: read with errors that say where, written back with the user's comments kept.
 
-Writing changes as little of the text as it can. Values that changed are replaced where they stand, and nothing
-else moves by one character. Where keys come or go, ruamel.yaml's round trip makes room. Where that does not say
-the same robot (an encoder that differs from the user's defaults, say), the section is written anew. Each try is
-read back and compared before it counts.
+Writing changes as little of the text as it can. Values that changed are replaced where they stand, and
+nothing else moves by one character. Where keys come or go, ruamel.yaml's round trip makes room. Where that
+does not say the same robot (an encoder that differs from the user's defaults, say), the section is written
+anew. Each try is read back and compared before it counts.
 """
 
 from __future__ import annotations
@@ -73,21 +73,28 @@ def robot_text(robot: Robot, old: bytes | None = None, *, source: str = "") -> s
         ConfigError: If the old one is no robot description, or the robot cannot be written down.
     """
     wanted = robot_to_data(robot)
-    if old is None:
-        return _dumped(_emittable(wanted))
-    document = parse_yaml(old, source)
-    present = robot_to_data(_described(document))
-    changes = list(_changes(present, wanted))
-    sections: list[Change] = [((path[0],), wanted.get(str(path[0]))) for path, _ in changes]
-    for text in (_replaced(document, changes), _rebuilt(document, changes), _rebuilt(document, sections)):
-        if text is not None and _says(text, wanted):
+    texts = iter([_dumped(_emittable(wanted))]) if old is None else _edited(parse_yaml(old, source), wanted)
+    for text in texts:
+        if _says(text, wanted):
             return text
     problem = "this robot cannot be written as a description that reads back the same"
     raise ConfigError("", problem, source=source)
 
 
 Place = tuple[str | int, ...]
-Change = tuple[Place, Any]  # None: what stood there is gone
+Change = tuple[Place, Any]
+_GONE = object()  # what a change leaves where nothing shall stand
+
+
+def _edited(document: YamlDocument, wanted: dict[str, Any]) -> Iterator[str]:
+    """Texts that may say what is wanted, the least changed first."""
+    present = robot_to_data(_described(document))
+    if (text := _replaced(document, list(_changes(present, wanted, into_lists=True)))) is not None:
+        yield text
+    changes = list(_changes(present, wanted))
+    yield _rebuilt(document, changes)
+    sections = dict.fromkeys(path[0] for path, _ in changes)
+    yield _rebuilt(document, [((key,), wanted.get(str(key), _GONE)) for key in sections])
 
 
 def _says(text: str, wanted: dict[str, Any]) -> bool:
@@ -97,14 +104,14 @@ def _says(text: str, wanted: dict[str, Any]) -> bool:
         return False
 
 
-def _changes(old: Any, new: Any, path: Place = ()) -> Iterator[Change]:
+def _changes(old: Any, new: Any, path: Place = (), *, into_lists: bool = False) -> Iterator[Change]:
     """The smallest values that differ, and where."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in dict.fromkeys((*old, *new)):
-            yield from _changes(old.get(key), new.get(key), (*path, key))
-    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+            yield from _changes(old.get(key, _GONE), new.get(key, _GONE), (*path, key), into_lists=into_lists)
+    elif into_lists and isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         for index, (one, other) in enumerate(zip(old, new, strict=True)):
-            yield from _changes(one, other, (*path, index))
+            yield from _changes(one, other, (*path, index), into_lists=True)
     elif old != new:
         yield path, new
 
@@ -115,7 +122,7 @@ def _replaced(document: YamlDocument, changes: list[Change]) -> str | None:
     pieces = []
     for path, value in changes:
         span = document.spans.get(_dotted(path))
-        if value is None or span is None or span.stop is None:
+        if value is _GONE or span is None or span.stop is None:
             return None
         pieces.append((span.start, span.stop, _flow(value)))
     for start, stop, piece in sorted(pieces, reverse=True):
@@ -127,21 +134,19 @@ def _dotted(path: Place) -> str:
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).removeprefix(".")
 
 
-def _rebuilt(document: YamlDocument, changes: list[Change]) -> str | None:
+def _rebuilt(document: YamlDocument, changes: list[Change]) -> str:
     """The text with keys added and taken away, its comments kept; lines may be laid out anew."""
     tree = _round_trip().load(document.text)
     for path, value in changes:
         holder = tree
         for part in path[:-1]:
-            if isinstance(holder, dict) and not isinstance(holder.get(part), dict | list):
+            if not isinstance(holder.get(part), dict):
                 holder[part] = {}
             holder = holder[part]
-        if value is not None:
-            holder[path[-1]] = _emittable(value)
-        elif isinstance(holder, dict):
+        if value is _GONE:
             holder.pop(path[-1], None)
         else:
-            return None
+            holder[path[-1]] = _emittable(value)
     return _dumped(tree)
 
 
