@@ -31,8 +31,8 @@ class ErrorModel:
       for an angle that is off by `steering`, anew from one metre to the next
     - gyro: `gyro^2 * time` [rad^2]
 
-    Bounded, because counts are cumulative: half a tick at either end of the path, and the wrong
-    heading along which single steps were walked meanwhile.
+    Bounded, because counts are cumulative: a reading is anywhere within its tick, at the baseline
+    (where it is a wrong heading that stays), at the present one, and in between at random.
 
     The same all along, so that it adds up and never averages out (Schmidt's consider terms): every
     wheel's radius, off by the fraction `wheel_radius`; and all distances between wheels together, off
@@ -63,7 +63,7 @@ class ErrorModel:
         return any(self._ticks)
 
     def gains(self, steering: Vector, gyro: bool, trig: Any = math) -> tuple[Gains, list[Six], Six]:
-        """Gains at these angles; the independent terms, each to be weighted; and what half ticks make."""
+        """Gains at these angles; the independent terms, each to be weighted; and what one tick makes."""
         if not self._drive.steered_names and gyro in self._constant:
             return self._constant[gyro]
         gains = self._drive.gains(steering, trig, gyro=gyro)
@@ -78,10 +78,12 @@ class ErrorModel:
             terms += [outer(column, noise.lateral_slip**2) for column in gains.slip]
         if gyro:
             terms += [outer(column, noise.gyro**2) for column in gains.gyro]
-        # Evenly spread over a tick at both ends: tick^2 / 12 each.
+        # Evenly spread over a tick.
         quantum = ZERO
         if self.ticks:
-            halves = [outer(c, tick * tick / 6.0) for c, tick in zip(gains.rolling, self._ticks, strict=True)]
+            halves = [
+                outer(c, tick * tick / 12.0) for c, tick in zip(gains.rolling, self._ticks, strict=True)
+            ]
             quantum = weighted_sum([1.0] * len(halves), halves)
         found = (gains, terms, quantum)
         if not self._drive.steered_names:
@@ -112,7 +114,7 @@ class ErrorModel:
         if len(weights) < len(terms):
             weights += self._other_weights(step, seconds, gyro, trig, len(terms) - len(weights))
         xx, xy, yy, xt, yt, tt = weighted_sum(weights, terms)
-        wrong = 0.5 * quantum[5]  # variance of the heading from one half tick
+        wrong = quantum[5]  # the heading along which the step was walked
         dx, dy, _ = step
         return (xx + wrong * dy * dy, xy - wrong * dx * dy, yy + wrong * dx * dx, xt, yt, tt)
 

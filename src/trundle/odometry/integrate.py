@@ -19,7 +19,7 @@ from array_api_compat import numpy as standard  # the array API, on NumPy 1.26 t
 from trundle.errors import InputError, LogSchema, ShapeError, Unobservable, did_you_mean
 from trundle.geometry import Pose2D
 from trundle.odometry import path
-from trundle.odometry.covariance import ZERO, weighted_sum
+from trundle.odometry.covariance import ZERO, Six, weighted_sum
 from trundle.odometry.encoder_counts import count_differences
 from trundle.odometry.integrator import Integrator
 from trundle.odometry.wheel_odometry import CLOCK_RESOLUTION_NS, Memory, WheelOdometry
@@ -254,14 +254,13 @@ class _Fold:
             gains = errors.gains(middle, with_gyro, np)
             noise = errors.noise(gains, turned, raw, seconds, with_gyro, np)
             grown = path.covariances(standard, step, noise, pose, memory.upper, memory.pose)
-            upper = tuple(float(column[-1]) for column in grown)
-            quantum = tuple(float(np.broadcast_to(part, seconds.shape)[-1]) for part in gains[2])
+            upper, quantum = _last(grown, seconds.shape), _last(gains[2], seconds.shape)
             reported = weighted_sum((1.0, 1.0), (grown, gains[2]))
             if drifts:
                 changes = errors.drift(gains, turned, raw, turn)
                 sums = path.drifts(standard, changes, step, pose, drifts)
                 reported = path.with_drifts(standard, reported, sums, pose)
-                drifts = [tuple(float(part[-1]) for part in column) for column in sums]
+                drifts = [(float(x[-1]), float(y[-1]), float(t[-1])) for x, y, t in sums]
             for k, column in enumerate(reported):
                 self.upper[out, k] = column
         last = rows.stop - 1
@@ -398,6 +397,11 @@ def _in_blocks(
                 poses[group, rows.start + 1 : rows.stop, k] = part
             start = tuple(part[:, -1:] for part in columns)
     return out
+
+
+def _last(six: Six, shape: tuple[int, ...]) -> Six:
+    xx, xy, yy, xt, yt, tt = (float(np.broadcast_to(part, shape)[-1]) for part in six)
+    return (xx, xy, yy, xt, yt, tt)
 
 
 def _pick(

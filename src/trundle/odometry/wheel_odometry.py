@@ -37,6 +37,7 @@ from trundle.robot import Encoder, Kinematics, Robot
 __all__ = ["Memory", "OdometryState", "WheelOdometry"]
 
 Numbers = Sequence[float]
+Drift = tuple[float, float, float]
 
 CLOCK_RESOLUTION_NS = 1_000  # S5: nothing is divided by less
 CLOCK_RESET_NS = 1_000_000_000  # S6: time that goes back by more belongs to a new clock
@@ -93,7 +94,7 @@ class Memory(NamedTuple):
         upper: Upper triangle of the covariance.
         before: Displacement of the last step as measured, for the commutator; None after a break.
         before_ns: Its duration.
-        quantum: Covariance of half ticks at the last step.
+        quantum: What being anywhere within a tick makes uncertain.
         drifts: What errors of the description have done so far, seen from the odom frame.
     """
 
@@ -103,7 +104,7 @@ class Memory(NamedTuple):
     before: Sequence[float] | None
     before_ns: int
     quantum: Six = ZERO
-    drifts: Sequence[Sequence[float]] = ()
+    drifts: Sequence[Drift] = ()
 
 
 class WheelOdometry:
@@ -453,7 +454,7 @@ class WheelOdometry:
         ]
 
     def _reported(self) -> Six:
-        """All that is uncertain about the pose: what was accumulated, half ticks, and the description."""
+        """All that is uncertain about the pose: what was accumulated, ticks, and the description."""
         six = self._covariance
         if self._quantum[5]:
             six = weighted_sum((1.0, 1.0), (six, self._quantum))
@@ -531,6 +532,10 @@ class WheelOdometry:
         """Count from here. Motion since the last sample was not seen: the covariance grows by it."""
         if self._reading is not None:
             self._grow_unseen((time_ns - self._time_ns) * 1e-9)
+        if self.errors is not None and self.errors.ticks:
+            # Half a tick at the start is a heading that stays wrong.
+            self._quantum = self.errors.gains(steering, self._has_gyro)[2]
+            self._covariance = weighted_sum((1.0, 1.0), (self._covariance, self._quantum))
         self._twist = Twist2D()
         self._before = None
         self._lost = False
