@@ -720,6 +720,14 @@ def test_comments_stay_where_keys_come_and_go():
     assert read(text).limits == tr.Limits(max_speed=1.0, max_jerk=3.0)
 
 
+def test_line_ends_stay_where_keys_come_and_go():
+    robot = read(ROVER)
+    changed = robot.replace(limits=tr.Limits(max_speed=1.0, max_jerk=3.0))
+    text = robot_text(changed, ROVER.replace("\n", "\r\n").encode())
+    assert text.replace("\r\n", "\n") == robot_text(changed, ROVER.encode())
+    assert text.count("\r\n") == text.count("\n")
+
+
 def test_save_makes_updates_and_replaces(tmp_path):
     path, other = tmp_path / "robot.yaml", tmp_path / "other.yaml"
     robot = read(LEAST)
@@ -744,6 +752,8 @@ def test_robot_that_cannot_be_written_says_so():
     robot = read(LEAST)
     with pytest.raises(tr.ConfigError, match="reads back"):
         robot_text(robot.replace(encoders={"third": tr.Encoder(ticks_per_revolution=1)}))
+    with pytest.raises(tr.ConfigError, match="reads back"):
+        robot_text(robot.replace(noise=tr.Noise(gyro=1)), b"name: 2026-13-01\n" + LEAST.encode())
     with pytest.raises(tr.ConfigError, match="Custom"):
         robot_text(robot.replace(drive=tr.Kinematics(robot.drive.wheels)))
 

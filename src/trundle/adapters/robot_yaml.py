@@ -136,7 +136,11 @@ def _dotted(path: Place) -> str:
 
 def _rebuilt(document: YamlDocument, changes: list[Change]) -> str:
     """The text with keys added and taken away, its comments kept; lines may be laid out anew."""
-    tree = _round_trip().load(document.text)
+    newline = "\r\n" if "\r\n" in document.text else "\n"
+    try:
+        tree = _round_trip().load(document.text.replace("\r\n", "\n"))
+    except ValueError:  # a word that to ruamel.yaml is a date, in month 13
+        return ""
     for path, value in changes:
         holder = tree
         for part in path[:-1]:
@@ -147,7 +151,7 @@ def _rebuilt(document: YamlDocument, changes: list[Change]) -> str:
             holder.pop(path[-1], None)
         else:
             holder[path[-1]] = _emittable(value)
-    return _dumped(tree)
+    return _dumped(tree).replace("\n", newline)
 
 
 def _round_trip() -> Any:
