@@ -504,6 +504,103 @@ def s18() -> None:
     assert WheelOdometry(DRIVES["swerve"]).update(0.0, [0.0] * 4, [math.pi / 2] * 4).accepted
 
 
+def s7() -> None:
+    """A gap: positions integrate if they can be true, doubting the path; velocities do not."""
+    jumped, steady = WheelOdometry(ROBOTS["differential"]), WheelOdometry(ROBOTS["differential"])
+    for odometry in (jumped, steady):
+        odometry.update(0.0, [0.0, 0.0])
+        odometry.update(0.1, [1.0, 1.0])
+    state = jumped.update(3.1, [31.0, 31.0])
+    for k in range(1, 31):
+        steady.update(0.1 + 0.1 * k, [1.0 + k, 1.0 + k])
+    assert (state.accepted, state.reason, jumped.events) == (True, "gap", {"gap": 1})
+    assert state.pose.x == pytest.approx(steady.state.pose.x)
+    assert math.sqrt(state.covariance[1][1]) == pytest.approx(30 * R / 2, rel=0.1)
+    assert steady.state.covariance[1][1] < 0.1 * state.covariance[1][1]
+
+    still = WheelOdometry(ROBOTS["differential"])
+    still.update(0.0, [5.0, 5.0])
+    before = still.state
+    assert still.update(60.0, [5.0, 5.0]).upper == before.upper
+    impossible = WheelOdometry(robot_with(max_speed=1.0))
+    impossible.update(0.0, [0.0, 0.0])
+    assert impossible.update(2.0, [1000.0, 1000.0]).reason == "implausible"
+
+    speeds = WheelOdometry(ROBOTS["differential"])
+    speeds.update(0.0, velocities=[10.0, 10.0])
+    before = speeds.update(0.1, velocities=[10.0, 10.0])
+    after = speeds.update(3.1, velocities=[10.0, 10.0])
+    assert (after.accepted, after.reason, after.pose) == (True, "gap", before.pose)
+    assert after.covariance[0][0] > (10.0 * R * 3.0) ** 2
+
+
+def s8() -> None:
+    """Jitter from microseconds to a day, and stamps of the epoch: integer nanoseconds keep the speed."""
+    odometry = WheelOdometry(ROBOTS["differential"])
+    start, position, previous = 1_770_000_000_000_000_000, 0.0, 1_770_000_000_000_000_000
+    odometry.update(time_ns=start, positions=[0.0, 0.0])
+    for step in (1_000, 1_000_000, 1_000_001, 20_000_000, 999_999_999, 100_000_000_000_000):
+        previous += step
+        position += 2.0 * step * 1e-9
+        state = odometry.update(time_ns=previous, positions=[position, position])
+        assert state.accepted
+        assert state.twist.vx == pytest.approx(2.0 * R, rel=1e-6)
+    assert odometry.update(time_ns=previous + 1, positions=[position, position]).reason == "too_soon"
+
+
+def s11() -> None:
+    """The encoders' computer restarts: one event, no motion, and the doubt covers what was not seen."""
+    robot = tr.Robot(drive=DIFF, limits=tr.Limits(max_speed=1.0, max_yaw_rate=2.0))
+    for index, start in enumerate((1000.0, -1000.0)):
+        odometry = WheelOdometry(robot)
+        for k in range(5):
+            before = odometry.update(k * 0.02, [start + 0.3 * k] * 2)
+        state = odometry.update(0.1, [0.0, 0.0])
+        assert (state.accepted, state.reason, state.pose) == (False, "jump", before.pose)
+        assert odometry.events == {"encoder_restart": 1}, index
+        unseen = 0.3 * R
+        assert state.covariance[0][0] > before.covariance[0][0] + unseen**2
+        assert odometry.update(0.12, [0.3, 0.3]).pose.x == pytest.approx(before.pose.x + unseen)
+        assert odometry.rejected == {"jump": 1}
+
+
+def s12() -> None:
+    """A glitch beyond v_max dt 1.5 + 2 ticks is refused; three in a row are the new normal."""
+    robot = robot_with(max_speed=1.0)
+    bound = 1.5 * 1.0 * 0.02 + 2.0 * math.tau / 4096 * R
+    for factor, reason in ((0.99, ""), (1.01, "implausible")):
+        odometry = WheelOdometry(robot)
+        odometry.update(0.0, [50.0, 50.0])
+        assert odometry.update(0.02, [50.0 + factor * bound / R, 50.0]).reason == reason
+    rejected_then_bridged(
+        lambda o, k: o.update(k * 0.02, [900.0, 0.0]),
+        "implausible",
+        robot=robot,
+        make=lambda k: [50 + 0.3 * k, 50 + 0.3 * k],
+    )
+    odometry = WheelOdometry(robot)
+    before = odometry.update(0.0, [50.0, 50.0])
+    for k in range(1, 4):
+        state = odometry.update(k * 0.02, [900.0 + 0.1 * k, 900.0 + 0.1 * k])
+        assert (state.reason, state.pose) == ("implausible", before.pose)
+    assert odometry.events == {"rebaseline": 1}
+    assert odometry.rejected == {"implausible": 3}
+    assert odometry.update(0.08, [900.4, 900.4]).pose.x == pytest.approx(0.1 * R)
+
+
+def s13() -> None:
+    """A glitch below the bound is believed; with cumulative counters the next sample takes it back."""
+    robot = robot_with(max_speed=2.0)
+    odometry = WheelOdometry(robot)
+    odometry.update(0.0, [50.0, 50.0])
+    state = odometry.update(0.02, [50.0 + 0.04 / R, 50.0 + 0.04 / R])
+    assert state.accepted
+    assert state.pose.x == pytest.approx(0.04)
+    back = odometry.update(0.04, [50.0, 50.0])
+    assert back.pose.x == pytest.approx(0.0, abs=1e-12)
+    assert back.covariance[0][0] > 0.0
+
+
 FAULTS = [
     ("S1", nonfinite(math.nan)),
     ("S2", nonfinite(math.inf)),
@@ -512,8 +609,13 @@ FAULTS = [
     ("S4", s4),
     ("S5", s5),
     ("S6", s6),
+    ("S7", s7),
+    ("S8", s8),
     *(("S9", wrap(bits)) for bits in (8, 16, 24, 32, 64)),
     ("S10", ambiguous),
+    ("S11", s11),
+    ("S12", s12),
+    ("S13", s13),
     ("S17", s17),
     ("S18", s18),
 ]

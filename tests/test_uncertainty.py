@@ -96,7 +96,8 @@ def test_the_covariance_covers_its_errors_in_full(kind: str, length: float, degr
     ratio, covered = anees(error, covariance)
     shift = estimate[:, :2].mean(axis=0) - truth[:2]
     print(
-        f"{kind:8} {length:5.0f} m {degrees:4.1f} deg: ANEES/3 {ratio:.3f}, 95 % covers {covered:.3f}, mean moved {shift}"
+        f"{kind:8} {length:5.0f} m {degrees:4.1f} deg: ANEES/3 {ratio:.3f}, "
+        f"95 % covers {covered:.3f}, mean moved {shift}"
     )
     assert 0.94 < ratio < 1.06
     assert covered > 0.90
@@ -149,7 +150,7 @@ def test_errors_of_the_description_do_not_average_out() -> None:
 
 
 def test_ticks_leave_a_bounded_doubt() -> None:
-    """Coarse encoders (20 a turn): the doubt is there at once, and grows only by walking along a wrong heading."""
+    """Coarse encoders (20 a turn): the doubt is there at once, and walking along it adds little."""
     encoder = tr.Encoder(ticks_per_revolution=20)
     robot = tr.Robot(
         drive=DIFF, noise=tr.Noise(wheel_distance=0.0), encoders={"left": encoder, "right": encoder}

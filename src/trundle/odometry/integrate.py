@@ -21,8 +21,9 @@ from trundle.geometry import Pose2D
 from trundle.odometry import path
 from trundle.odometry.covariance import ZERO, Six, weighted_sum
 from trundle.odometry.encoder_counts import count_differences
+from trundle.odometry.error_model import ErrorModel
 from trundle.odometry.integrator import Integrator
-from trundle.odometry.wheel_odometry import CLOCK_RESOLUTION_NS, Memory, WheelOdometry
+from trundle.odometry.wheel_odometry import CLOCK_RESOLUTION_NS, Drift, Memory, WheelOdometry
 from trundle.records import Reading, Trajectory, WheelLog
 from trundle.robot import Kinematics, Robot, TrackingWheels
 
@@ -249,20 +250,9 @@ class _Fold:
         for k, column in enumerate(twist):
             self.twists[out, k] = column
         upper, quantum, drifts = ZERO, ZERO, memory.drifts
-        if self.upper is not None and odometry.errors is not None:
-            errors, with_gyro = odometry.errors, turn is not None
-            gains = errors.gains(middle, with_gyro, np)
-            noise = errors.noise(gains, turned, raw, seconds, with_gyro, np)
-            grown = path.covariances(standard, step, noise, pose, memory.upper, memory.pose)
-            upper, quantum = _last(grown, seconds.shape), _last(gains[2], seconds.shape)
-            reported = weighted_sum((1.0, 1.0), (grown, gains[2]))
-            if drifts:
-                changes = errors.drift(gains, turned, raw, turn)
-                sums = path.drifts(standard, changes, step, pose, drifts)
-                reported = path.with_drifts(standard, reported, sums, pose)
-                drifts = [(float(x[-1]), float(y[-1]), float(t[-1])) for x, y, t in sums]
-            for k, column in enumerate(reported):
-                self.upper[out, k] = column
+        if odometry.errors is not None:
+            readings = (turned, middle, raw, seconds, turn)
+            upper, quantum, drifts = self._uncertainty(out, odometry.errors, memory, readings, step, pose)
         last = rows.stop - 1
         odometry.resume(
             count=len(seconds),
@@ -281,6 +271,32 @@ class _Fold:
             ),
         )
         return True
+
+    def _uncertainty(
+        self,
+        out: slice,
+        errors: ErrorModel,
+        memory: Memory,
+        readings: Sequence[Any],
+        step: Sequence[Floats],
+        pose: Sequence[Floats],
+    ) -> tuple[Six, Six, Sequence[Drift]]:
+        """Covariances of a block; returned is what the next step needs of them."""
+        turned, middle, raw, seconds, turn = readings
+        gains = errors.gains(middle, turn is not None, np)
+        noise = errors.noise(gains, turned, raw, seconds, turn is not None, np)
+        grown = path.covariances(standard, step, noise, pose, memory.upper, memory.pose)
+        reported = weighted_sum((1.0, 1.0), (grown, gains[2]))
+        drifts = memory.drifts
+        if drifts:
+            changes = errors.drift(gains, turned, raw, turn)
+            sums = path.drifts(standard, changes, step, pose, drifts)
+            reported = path.with_drifts(standard, reported, sums, pose)
+            drifts = [(float(x[-1]), float(y[-1]), float(t[-1])) for x, y, t in sums]
+        assert self.upper is not None
+        for k, column in enumerate(reported):
+            self.upper[out, k] = column
+        return _last(grown, seconds.shape), _last(gains[2], seconds.shape), drifts
 
     def _trajectory(self, lost: Mapping[str, int]) -> Trajectory:
         rejected = dict(lost)

@@ -34,7 +34,7 @@ from trundle.odometry.plausibility import Plausibility
 from trundle.records import Reading
 from trundle.robot import Encoder, Kinematics, Robot
 
-__all__ = ["Memory", "OdometryState", "WheelOdometry"]
+__all__ = ["CLOCK_RESOLUTION_NS", "Drift", "Memory", "OdometryState", "WheelOdometry"]
 
 Numbers = Sequence[float]
 Drift = tuple[float, float, float]
@@ -167,10 +167,10 @@ class WheelOdometry:
         "accepted",
         "drive",
         "encoders",
+        "errors",
         "events",
         "integrator",
         "max_gap_ns",
-        "errors",
         "plausible",
         "rejected",
         "robot",
