@@ -39,7 +39,7 @@ _BINARY_SUFFIXES = {
     ".db3": Content.ROSBAG2,
     ".wpilog": Content.WPILOG,
 }
-_ROSBAG2_PARTS = (".yaml", ".mcap", ".db3", ".zstd")
+_ROSBAG2_PARTS = {".mcap", ".db3", ".zstd"}
 _TEXT_CONTROLS = b"\t\n\v\f\r\x1a\x1b"
 
 
@@ -53,18 +53,20 @@ def content_of(path: str | os.PathLike[str]) -> Content:
     path = Path(path)
     try:
         mode = path.stat().st_mode
-        if stat.S_ISDIR(mode):
-            return _content_of_folder(path)
-        if not stat.S_ISREG(mode):
-            raise LogError(path, "not_a_file", "is a pipe or a device, must be a file")
-        with path.open("rb") as file:
-            head = file.read(4096)
+        parts = [part.suffix for part in path.iterdir()] if stat.S_ISDIR(mode) else []
+        head = _head(path) if stat.S_ISREG(mode) else b""
     except FileNotFoundError:
         raise LogError(path, "not_a_file", "no such file") from None
     except OSError as error:
         raise LogError(path, "unreadable", f"cannot be read: {error.strerror or error}") from error
     except ValueError as error:  # a name with a NUL in it
         raise LogError(path, "not_a_file", str(error)) from error
+    if stat.S_ISDIR(mode):
+        if not set(parts) & _ROSBAG2_PARTS:
+            raise LogError(path, "not_a_file", "is a folder without a rosbag2 recording, must be a file")
+        return Content.ROSBAG2
+    if not stat.S_ISREG(mode):
+        raise LogError(path, "not_a_file", "is a pipe or a device, must be a file")
     if not head:
         raise LogError(path, "empty", "holds no bytes")
     for magic, content in _MAGIC.items():
@@ -74,10 +76,9 @@ def content_of(path: str | os.PathLike[str]) -> Content:
     return _text(path, head)
 
 
-def _content_of_folder(path: Path) -> Content:
-    if any(part.suffix in _ROSBAG2_PARTS for part in path.iterdir()):
-        return Content.ROSBAG2
-    raise LogError(path, "not_a_file", "is a folder without a rosbag2 recording, must be a file")
+def _head(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(4096)
 
 
 def _text(path: Path, head: bytes) -> Content:
@@ -88,8 +89,17 @@ def _text(path: Path, head: bytes) -> Content:
         raise LogError(path, "format", f"its content is not {promised.value}, as its name says")
     wide = head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     controls = sum(byte < 32 and byte not in _TEXT_CONTROLS for byte in head)
-    if not wide and controls * 10 > len(head):
+    if not wide and controls * (10 if _is_utf8(head) else 50) > len(head):
         if head[1::2].count(0) * 2 > len(head[1::2]) or head[::2].count(0) * 2 > len(head[::2]):
             raise LogError(path, "encoding", "looks like UTF-16 without a byte order mark; save it as UTF-8")
         raise LogError(path, "format", f"its content is not a known kind of log; known: {known}")
     return Content.TEXT
+
+
+def _is_utf8(head: bytes) -> bool:
+    """Whether bytes can begin a UTF-8 text; its last character may be cut."""
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        return False
+    return True

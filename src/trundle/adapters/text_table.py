@@ -32,7 +32,7 @@ __all__ = ["TextTable"]
 Line: TypeAlias = tuple[int, list[bytes]]  # its number in the file, counted from 1, and its cells
 Columns: TypeAlias = list[npt.NDArray[Any]]
 
-BLOCK = 1 << 20  # bytes at a time
+BLOCK = 1 << 17  # bytes at a time: what is made of them stays in the cache
 LONGEST_LINE = 1 << 20
 SAMPLE = 50  # lines that the shape of the table is read off
 NAMED = 5  # lines at fault that a warning names
@@ -58,7 +58,8 @@ class TextTable:
         self.format = table_format
         self._comment = table_format.comment.encode()
         self._delimiter = None if table_format.delimiter == " " else table_format.delimiter.encode()
-        sample = list(itertools.islice(self._lines(), SAMPLE))
+        texts = itertools.chain.from_iterable(self._texts(*block) for block in _blocks(path))
+        sample = list(itertools.islice(texts, SAMPLE))
         if not sample:
             raise LogError(path, "empty", "holds no row")
         self._sample = sample
@@ -78,7 +79,8 @@ class TextTable:
             widths = {len(line.split(other)) for line in lines}
             if other != self._delimiter and len(widths) == 1 and widths != {1}:
                 return f"it looks delimited by {word}: if so, declare log.table.delimiter: {word}"
-        if self.format.header and all(_is_number(cell, self.format.decimal) for cell in self.cells(lines[0])):
+        first = self.cells(lines[0])
+        if self.format.header and first and all(_is_number(cell, self.format.decimal) for cell in first):
             return "its first row holds numbers only: if it has no header, declare log.table.header: false"
         return ""
 
@@ -96,38 +98,36 @@ class TextTable:
 
     def blocks(self) -> Iterator[tuple[int, bytes]]:
         """Whole lines in blocks, each with the number of its first line; the header left out."""
-        first = 1
-        for block in _blocks(self.path):
-            lines = block.count(b"\n") + (not block.endswith(b"\n"))
-            if first <= self._header_line < first + lines:
-                *_, below = block.split(b"\n", self._header_line - first + 1)
+        for first, block in _blocks(self.path):
+            into = self._header_line - first + 1
+            if 1 <= into <= block.count(b"\n") + (not block.endswith(b"\n")):
+                *_, below = block.split(b"\n", into)
                 yield self._header_line + 1, below
             else:
                 yield first, block
-            first += lines
 
-    def lines(self, first: int, block: bytes) -> Iterator[Line]:
+    def lines(self, first: int, block: bytes) -> list[Line]:
         """The cells of the lines of a block that are neither empty nor comments."""
-        for number, line in enumerate(block.replace(b"\r\n", b"\n").split(b"\n"), first):
-            if line and not (self._comment and line.startswith(self._comment)) and not line.isspace():
-                yield number, self.cells(line)
+        if self._delimiter is not None and b'"' in block:
+            return [(number, self.cells(text)) for number, text in self._texts(first, block)]
+        return [(number, text.split(self._delimiter)) for number, text in self._texts(first, block)]
 
     def is_usual(self, block: bytes) -> bool:
         """Whether pyarrow splits this block into cells as we do."""
         return (
             self._delimiter is not None
+            and len(self._delimiter) == 1
             and not any(byte in block for byte in _UNUSUAL)
             and not (self._comment and self._comment in block)
-            and b" \n" not in block
         )
 
-    def _lines(self) -> Iterator[tuple[int, bytes]]:
-        first = 1
-        for block in _blocks(self.path):
-            for number, line in enumerate(block.replace(b"\r\n", b"\n").split(b"\n"), first):
-                if line and not (self._comment and line.startswith(self._comment)) and not line.isspace():
-                    yield number, line
-            first += block.count(b"\n")
+    def _texts(self, first: int, block: bytes) -> Iterator[tuple[int, bytes]]:
+        """The lines that are neither empty nor comments, with their numbers."""
+        texts = enumerate(block.replace(b"\r\n", b"\n").split(b"\n"), first)
+        filled = ((number, text) for number, text in texts if text and not text.isspace())
+        if not self._comment or self._comment not in block:
+            return filled
+        return ((number, text) for number, text in filled if not text.startswith(self._comment))
 
     def _read_names(self, sample: list[tuple[int, bytes]]) -> tuple[ColumnName, ...]:
         if not self.format.header:
@@ -149,8 +149,7 @@ class _Reading:
         self.places = [column_index(table.path, table.names, want.column, hint) for want in wanted]
         self.held = {place: b"" for place, want in zip(self.places, wanted, strict=True) if want.hold}
         self.rejected: Counter[str] = Counter()
-        self.faults: list[str] = []
-        self.fault_lines: list[int] = []
+        self.faults: list[tuple[int, str]] = []
         self.foreign_decimals = 0
 
     def rows(self) -> Rows:
@@ -159,26 +158,34 @@ class _Reading:
         for first, block in self.table.blocks():
             columns = arrow.columns(block) if arrow and self.table.is_usual(block) else None
             if columns is None:
-                columns = self._parsed(list(self._shaped(first, block)))
+                columns = self._parsed(self._shaped(self.table.lines(first, block)))
             parts.append(columns)
+            self.faults = sorted(self.faults)[:NAMED]
         columns = [np.concatenate(pieces) for pieces in zip(*parts, strict=True)]
         self._check(len(columns[0]) if columns else 0)
         return Rows(tuple(columns), self.rejected, self._warnings())
 
-    def _shaped(self, first: int, block: bytes) -> Iterator[Line]:
+    def _shaped(self, lines: list[Line]) -> list[Line]:
         """The lines with as many cells as the table has columns, held values filled in."""
         width = len(self.table.names)
-        for number, cells in self.table.lines(first, block):
-            if len(cells) != width:
-                what = f"{len(cells)} cells instead of {width}" if cells else "a quote is never closed"
-                self._reject(number, "parse", what)
-                continue
+        shaped = [line for line in lines if len(line[1]) == width]
+        if len(shaped) < len(lines):
+            for number, cells in lines:
+                if len(cells) != width:
+                    what = f"{len(cells)} cells instead of {width}" if cells else "a quote is never closed"
+                    self._reject(number, "parse", what)
+        if self.held:
+            self._fill(shaped)
+        return shaped
+
+    def _fill(self, lines: list[Line]) -> None:
+        """Put the last value into empty cells of columns that hold it."""
+        for _, cells in lines:
             for place, last in self.held.items():
                 if not cells[place].strip():
                     cells[place] = last
                 elif _is_number(cells[place], self.table.format.decimal):
                     self.held[place] = cells[place]
-            yield number, cells
 
     def _parsed(self, lines: list[Line]) -> Columns:
         """The wanted columns of the lines that can be read."""
@@ -221,15 +228,14 @@ class _Reading:
                 self._column(want.numeral, [cells[place]])
             except ValueError:
                 other = "," if self.table.format.decimal == "." else "."
-                self.foreign_decimals += _is_number(cells[place], other)
+                self.foreign_decimals += other.encode() in cells[place] and _is_number(cells[place], other)
                 shown = cells[place][:40].decode("utf-8", "backslashreplace")
                 return f"column {want.column!r} holds {shown!r}"
         raise AssertionError("a line was refused whose cells are all numbers")
 
     def _reject(self, number: int, reason: str, what: str) -> None:
         self.rejected[reason] += 1
-        if len(self.faults) < NAMED:
-            self.faults.append(f"line {number}: {what}")
+        self.faults.append((number, f"line {number}: {what}"))
 
     def _check(self, count: int) -> None:
         """Refuse a table that as a whole is written otherwise than declared."""
@@ -237,7 +243,9 @@ class _Reading:
         if not count and not refused:
             raise LogError(path, "empty", "has a header, but no row below it")
         if not count and refused == self.rejected["time_range"]:
-            raise LogSchema(path, "unit", f"{self.faults[0]}, beyond 292 years: declare the unit of the time")
+            raise LogSchema(
+                path, "unit", f"{self.faults[0][1]}, beyond 292 years: declare the unit of the time"
+            )
         other = "," if self.table.format.decimal == "." else "."
         if self.foreign_decimals * 10 > count + refused:
             hint = f"it looks like a decimal {other!r}: if so, declare log.table.decimal: {other!r}"
@@ -245,7 +253,7 @@ class _Reading:
             hint = self.table.dialect_hint
         else:
             return
-        problem = f"{refused} of {refused + count} rows hold no numbers: {self.faults[0]}"
+        problem = f"{refused} of {refused + count} rows hold no numbers: {self.faults[0][1]}"
         raise LogSchema(path, "parse", "; ".join(filter(None, (problem, hint))))
 
     def _warnings(self) -> tuple[str, ...]:
@@ -254,7 +262,7 @@ class _Reading:
             return ()
         dots = "; ..." if refused > len(self.faults) else ""
         rows = "1 row was" if refused == 1 else f"{refused} rows were"
-        return (f"{rows} left out as unreadable: {'; '.join(self.faults)}{dots}",)
+        return (f"{rows} left out as unreadable: {'; '.join(fault for _, fault in self.faults)}{dots}",)
 
 
 class _Arrow:
@@ -314,20 +322,21 @@ def _is_number(cell: bytes, decimal: str) -> bool:
     return True
 
 
-def _blocks(path: Path) -> Iterator[bytes]:
-    """The bytes of a file as UTF-8, in blocks that end with a line."""
-    rest = b""
+def _blocks(path: Path) -> Iterator[tuple[int, bytes]]:
+    """The bytes of a file as UTF-8, in blocks that end with a line, each with its first line's number."""
+    first, rest = 1, b""
     for piece in _pieces(path):
         cut = piece.rfind(b"\n") + 1
         if cut:
-            yield rest + piece[:cut]
-            rest = piece[cut:]
+            block, rest = rest + piece[:cut], piece[cut:]
+            yield first, block
+            first += block.count(b"\n")
         else:
             rest += piece
         if len(rest) > LONGEST_LINE:
             raise LogLimit(path, "line", f"a line is longer than {LONGEST_LINE} bytes: not a table")
     if rest:
-        yield rest
+        yield first, rest
 
 
 def _pieces(path: Path) -> Iterator[bytes]:

@@ -129,13 +129,8 @@ class TopicSource:
             if plain and place < values.shape[1]:
                 found[rows], present[rows] = values[rows, place], True
         if not present.any():
-            has = f"it has {', '.join(sorted(known))}" if known else f"its {path} is shorter"
-            nearest = did_you_mean(str(name), known)
-            raise LogSchema(
-                self.bag.path,
-                "joint",
-                f"{topic}: no element {name!r}; {nearest if 'mean' in nearest else has}",
-            )
+            has = f"they have {', '.join(sorted(known))}" if known else f"their {path} is shorter"
+            raise LogSchema(self.bag.path, "joint", f"{topic}: no message has an element {name!r}; {has}")
         return found, present
 
 
