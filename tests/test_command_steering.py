@@ -181,6 +181,14 @@ def test_impossible_settings_are_refused(wrong):
         Steering(SWERVE, **wrong)
 
 
+def test_a_steering_sensor_that_fails_is_the_last_command():
+    steering = Steering(SWERVE)
+    _, state = steering.step(steering.start(), heading(30.0))
+    blind = steering.step(state, heading(40.0), measured=[math.nan, math.inf, -math.inf, math.nan])
+    knowing = steering.step(state, heading(40.0), measured=state.angles)
+    assert blind == knowing
+
+
 def test_wrong_number_of_angles_is_refused():
     steering = Steering(SWERVE)
     with pytest.raises(ShapeError, match="must be 4"):

@@ -102,13 +102,16 @@ class Steering:
         Args:
             state: The state before.
             twist: Body twist that the drive can do.
-            measured: Present angles [rad]; the last commanded ones if None.
+            measured: Present angles [rad]; the last commanded ones if None, and for each that is not finite.
 
         Raises:
             Infeasible: If the drive cannot do it (`saturate` comes before).
             ShapeError: If there is not one angle per steered wheel.
         """
-        angles = state.angles if measured is None else self._checked(tuple(measured))
+        angles = state.angles
+        if measured is not None:
+            pairs = zip(self._checked(tuple(measured)), angles, strict=True)
+            angles = tuple(now if math.isfinite(now) else last for now, last in pairs)
         nearest = self.drive.inverse(twist, angles)
         if not self._wheels:
             return nearest, state
