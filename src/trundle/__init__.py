@@ -18,6 +18,10 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from trundle.adapters.log import read_log
+    from trundle.adapters.robot_yaml import load_robot, save_robot
+    from trundle.adapters.trajectory import read_trajectory, write_trajectory
+    from trundle.adapters.wheel_log_csv import write_log
     from trundle.errors import (
         ConfigError,
         Infeasible,
@@ -34,6 +38,7 @@ if TYPE_CHECKING:
         TrundleError,
         Unobservable,
     )
+    from trundle.evaluate import Comparison, compare
     from trundle.geometry import Pose2D, Twist2D, wrap
     from trundle.odometry import Integrator, OdometryState, WheelOdometry
     from trundle.odometry.integrate import integrate, integrate_batch
@@ -47,6 +52,7 @@ if TYPE_CHECKING:
         FourWheelSteering,
         Kinematics,
         Limits,
+        LogMapping,
         Mecanum,
         Noise,
         Omni,
@@ -62,55 +68,86 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
+__all__ = [
+    "Ackermann",
+    "Bicycle",
+    "Comparison",
+    "ConfigError",
+    "Custom",
+    "Differential",
+    "Encoder",
+    "FourWheelSteering",
+    "Infeasible",
+    "InputError",
+    "Integrator",
+    "Kinematics",
+    "Limits",
+    "LogCorrupt",
+    "LogError",
+    "LogLimit",
+    "LogMapping",
+    "LogSchema",
+    "LogTruncated",
+    "Mecanum",
+    "MissingExtra",
+    "Noise",
+    "OdometryState",
+    "Omni",
+    "OutputError",
+    "Pose2D",
+    "Reading",
+    "Robot",
+    "ShapeError",
+    "Singular",
+    "SkidSteer",
+    "Swerve",
+    "TrackingWheels",
+    "Trajectory",
+    "Tricycle",
+    "TrundleError",
+    "Twist2D",
+    "Unobservable",
+    "Wheel",
+    "WheelCommand",
+    "WheelKind",
+    "WheelLog",
+    "WheelOdometry",
+    "__version__",
+    "compare",
+    "integrate",
+    "integrate_batch",
+    "load_robot",
+    "read_log",
+    "read_trajectory",
+    "save_robot",
+    "wrap",
+    "write_log",
+    "write_trajectory",
+]
+
+# Where each name lives; tests/test_house.py holds this, `__all__` and the imports above together.
 _HOMES = {
+    "trundle.adapters.log": "read_log",
+    "trundle.adapters.robot_yaml": "load_robot save_robot",
+    "trundle.adapters.trajectory": "read_trajectory write_trajectory",
+    "trundle.adapters.wheel_log_csv": "write_log",
     "trundle.errors": (
-        "ConfigError",
-        "Infeasible",
-        "InputError",
-        "LogCorrupt",
-        "LogError",
-        "LogLimit",
-        "LogSchema",
-        "LogTruncated",
-        "MissingExtra",
-        "OutputError",
-        "ShapeError",
-        "Singular",
-        "TrundleError",
-        "Unobservable",
+        "ConfigError Infeasible InputError LogCorrupt LogError LogLimit LogSchema "
+        "LogTruncated MissingExtra OutputError ShapeError Singular TrundleError "
+        "Unobservable "
     ),
-    "trundle.geometry": ("Pose2D", "Twist2D", "wrap"),
-    "trundle.odometry": ("Integrator", "OdometryState", "WheelOdometry"),
-    "trundle.odometry.integrate": ("integrate", "integrate_batch"),
-    "trundle.records": ("Reading", "Trajectory", "WheelLog"),
+    "trundle.evaluate": "Comparison compare",
+    "trundle.geometry": "Pose2D Twist2D wrap",
+    "trundle.odometry": "Integrator OdometryState WheelOdometry",
+    "trundle.odometry.integrate": "integrate integrate_batch",
+    "trundle.records": "Reading Trajectory WheelLog",
     "trundle.robot": (
-        "Ackermann",
-        "Bicycle",
-        "Custom",
-        "Differential",
-        "Encoder",
-        "FourWheelSteering",
-        "Kinematics",
-        "Limits",
-        "Mecanum",
-        "Noise",
-        "Omni",
-        "Robot",
-        "SkidSteer",
-        "Swerve",
-        "TrackingWheels",
-        "Tricycle",
-        "Wheel",
-        "WheelCommand",
-        "WheelKind",
+        "Ackermann Bicycle Custom Differential Encoder FourWheelSteering Kinematics "
+        "Limits LogMapping Mecanum Noise Omni Robot SkidSteer Swerve TrackingWheels "
+        "Tricycle Wheel WheelCommand WheelKind "
     ),
 }
-_HOME = {name: module for module, names in _HOMES.items() for name in names}
-
-__all__ = [  # noqa: PLE0604 - a test holds it equal to what the block above imports
-    *sorted(_HOME),
-    "__version__",
-]
+_HOME = {name: module for module, names in _HOMES.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> Any:
