@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trundle.adapters import bag_log, resampling
-from trundle.adapters.bag import TopicColumns
 from trundle.adapters.log import read_log
+from trundle.adapters.topic_columns import TopicColumns
 from trundle.errors import ConfigError, LogError, LogSchema
 from trundle.evaluate import compare
 from trundle.geometry import se2
@@ -170,6 +170,15 @@ def test_steering_comes_by_wheel_or_as_one_angle(tmp_path):
     log = read_log(path, one)
     assert log.steering_names == ("servo",)
     np.testing.assert_allclose(log.steering, [[-math.pi / 6]])
+
+
+def test_hostile_numbers_come_through_for_odometry_to_judge(tmp_path):
+    reference = ReferenceMapping(columns=("x", "y", "a"), unit=Unit.FT, mounting=(0.1, 0.2, 0.3))
+    wheels = {name: WheelMapping(column=name, unit=Unit.REV) for name in ("left", "right")}
+    path = write(tmp_path, "time,left,right,x,y,a\n0,nan,1e308,inf,-inf,inf\n0,-inf,1,1e308,1,nan\n")
+    log = read_log(path, robot(wheels=wheels, reference=reference))
+    np.testing.assert_array_equal(log.wheels, [[np.nan, np.inf], [-np.inf, math.tau]])
+    assert len(log.reference) == 0
 
 
 def test_held_columns(tmp_path):
@@ -663,6 +672,14 @@ def test_free_wheels_may_turn_round_where_robot_yaml_says_rad(tmp_path):
         read_log(path, robot(drive))
     steering = {name: ScalarMapping(column=f"{name}.steering", unit=Unit.RAD) for name in names}
     assert read_log(path, robot(drive, steering=steering)).steering[0, 0] == 20.0
+
+
+def test_a_gyro_that_the_log_lacks_is_missed(tmp_path):
+    path = write(tmp_path, POSITIONS + "0,1,2\n")
+    with_gyro = Differential(track_width=0.2, wheel_radius=RADIUS, measured=("left", "right", "gyro"))
+    log = read_log(path, with_gyro)
+    assert log.wheel_names == ("left", "right")
+    assert "gyro" in log.warnings[0]
 
 
 def test_a_format_that_cannot_be_read_yet_is_named(tmp_path):

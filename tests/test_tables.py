@@ -6,6 +6,7 @@ import codecs
 import math
 import os
 import re
+import sys
 from decimal import Decimal
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from trundle.adapters import text_table
 from trundle.adapters.content import Content, content_of
 from trundle.adapters.numeral import Count, Real, Stamp
 from trundle.adapters.table import Wanted, open_table
-from trundle.errors import LogCorrupt, LogError, LogLimit, LogSchema
+from trundle.errors import LogCorrupt, LogError, LogLimit, LogSchema, MissingExtra
 from trundle.robot.log_mapping import TableFormat, Unit
 
 BARE = TableFormat(header=False)
@@ -107,10 +108,10 @@ def test_unsigned_counters_of_64_bits_come_modulo_their_range(folder):
 
 
 def test_counts_are_whole_and_finite(folder):
-    path = write(folder, b"a\n5\n7.0\n2e3\n1.5\nnan\ninf\n")
+    path = write(folder, b"a\n5\n7.0\n2e3\n1.5\n1962756423145470.875\nnan\ninf\n")
     rows = read(path, [Wanted("a", Count())])
     assert rows.columns[0].tolist() == [5, 7, 2000]
-    assert dict(rows.rejected) == {"parse": 1, "nonfinite": 2}
+    assert dict(rows.rejected) == {"parse": 2, "nonfinite": 2}
 
 
 @given(
@@ -212,6 +213,20 @@ def test_parquet_holds_values_and_reads_timestamps(parquet):
     path = parquet(t=stamps, a=[7, None, 9])
     rows = read(path, [Wanted("t", Stamp(Unit.S)), Wanted("a", Count(), hold=True)])
     assert [column.tolist() for column in rows.columns] == [[1000, 2000, 3000], [7, 7, 9]]
+
+
+def test_parquet_asks_for_its_extra(parquet, monkeypatch):
+    path = parquet(a=[1.0], b=[2.0])
+    for name in ("pyarrow", "pyarrow.parquet"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(MissingExtra, match=r"trundle\[parquet\]"):
+        read(path)
+
+
+def test_big_tables_do_without_pyarrow(folder, monkeypatch):
+    monkeypatch.setattr(text_table, "WORTH_PYARROW", 0)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    np.testing.assert_array_equal(read(write(folder, b"a,b\n1,2\n3,4\n")).columns, [[1, 3], [2, 4]])
 
 
 # ---------------------------------------------------------------------------------- faults

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Callable
 from pathlib import Path
+
+import numpy as np
 
 from trundle.adapters.content import Content, content_of
 from trundle.errors import LogError
@@ -13,11 +16,15 @@ from trundle.robot import Kinematics, LogMapping, Robot
 
 __all__ = ["read_log"]
 
-Reader = Callable[[Path, Robot, LogMapping], WheelLog]
+Reader = Callable[[Path, Robot, LogMapping, bool], WheelLog]
 
 
 def read_log(
-    path: str | os.PathLike[str], robot: Robot | Kinematics, *, mapping: LogMapping | None = None
+    path: str | os.PathLike[str],
+    robot: Robot | Kinematics,
+    *,
+    mapping: LogMapping | None = None,
+    salvage: bool = False,
 ) -> WheelLog:
     """What the sensors of a robot said, from a log of any known format.
 
@@ -25,6 +32,7 @@ def read_log(
         path: A text table, Parquet, MCAP, a rosbag, or a rosbag2 folder; told apart by content.
         robot: Whose log it is; or just its drive.
         mapping: How the log says it, in place of the robot's own `log` section.
+        salvage: Of a damaged recording, read what can be read; `warnings` say what could not.
 
     Returns:
         Readings of the robot's measured wheels, or its body twists, in SI units or raw counts; rows as
@@ -46,19 +54,25 @@ def read_log(
         raise LogError(
             path, "format", f"is {content.value}, which cannot be read as a log yet; known: {known}"
         )
-    return _READERS[content](path, described, mapping or described.log)
+    # NaN and infinity go through units and mountings as they are: odometry judges them.
+    with np.errstate(over="ignore", invalid="ignore"):
+        log = _READERS[content](path, described, mapping or described.log, salvage)
+    if described.measuring.gyro and log.wheels is not None and log.yaw_rate is None:
+        silent = "the robot measures with a gyro, but its log has none (log.gyro)"
+        log = dataclasses.replace(log, warnings=(*log.warnings, silent))
+    return log
 
 
-def _read_table(path: Path, robot: Robot, mapping: LogMapping) -> WheelLog:
+def _read_table(path: Path, robot: Robot, mapping: LogMapping, _salvage: bool) -> WheelLog:
     from trundle.adapters.table_log import read_table_log
 
     return read_table_log(path, robot, mapping)
 
 
-def _read_bag(path: Path, robot: Robot, mapping: LogMapping) -> WheelLog:
+def _read_bag(path: Path, robot: Robot, mapping: LogMapping, salvage: bool) -> WheelLog:
     from trundle.adapters.bag_log import read_bag_log
 
-    return read_bag_log(path, robot, mapping)
+    return read_bag_log(path, robot, mapping, salvage=salvage)
 
 
 # Formats that load nothing until they are read.

@@ -23,6 +23,7 @@ Tokens = Sequence[bytes]
 Column = npt.NDArray[np.float64] | npt.NDArray[np.int64]
 
 _LETTERS = b"0123456789+- \taefintyAEFINTY"
+_WHOLE = b"0123456789+- \t"
 # Below this many nanoseconds the product of a float and a power of ten is off by less than half of one.
 _EXACT_AS_FLOAT = 1e15
 _NANOSECONDS = {Unit.S: 9, Unit.MS: 6, Unit.US: 3, Unit.NS: 0}
@@ -158,15 +159,12 @@ class Stamp:
 
     def of_text(self, tokens: Tokens) -> Column:
         """See `Numeral`."""
-        try:
-            times = Count().of_text(tokens)
-        except ValueError:
-            times = None
-        if times is not None:
-            return self._scaled(times)
-        scaled = np.fromiter(map(float, tokens), np.float64, len(tokens)) * 10.0**self._exponent
-        if not np.isfinite(scaled).all():
+        if not b"".join(tokens).translate(None, _WHOLE):
+            return self._scaled(Count().of_text(tokens))
+        times = np.fromiter(map(float, tokens), np.float64, len(tokens))
+        if not np.isfinite(times).all():
             raise Nonfinite("a time that is not finite")
+        scaled = self._as_nanoseconds(times)
         beyond = np.flatnonzero(np.abs(scaled) >= _EXACT_AS_FLOAT).tolist()
         scaled[beyond] = 0.0
         stamps = np.rint(scaled).astype(np.int64)
@@ -182,7 +180,7 @@ class Stamp:
         if values.dtype.kind in "iu":
             refused = (values > limit) | (values.astype(np.int64) < -limit)
             return np.where(refused, 0, values).astype(np.int64) * 10**self._exponent, refused
-        scaled = values.astype(np.float64) * 10.0**self._exponent
+        scaled = self._as_nanoseconds(values.astype(np.float64))
         refused = ~(np.abs(scaled) < 2.0**63)
         return np.rint(np.where(refused, 0.0, scaled)).astype(np.int64), refused
 
@@ -195,6 +193,10 @@ class Stamp:
         """See `Numeral`."""
         return self.whole or bool(np.abs(column).max(initial=0) < _EXACT_AS_FLOAT)
 
+    def _as_nanoseconds(self, times: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        with np.errstate(over="ignore"):
+            return times * 10.0**self._exponent
+
     def _scaled(self, times: Column) -> npt.NDArray[np.int64]:
         stamps, refused = self.of_numbers(times)
         if refused.any():
@@ -203,16 +205,17 @@ class Stamp:
 
 
 def _whole(token: bytes) -> int:
-    """A whole number, also one that is written as a float; above 2^53 a float no longer is one."""
+    """A whole number, also one that is written with a decimal sign or an exponent."""
     try:
         return int(token)
     except ValueError:
-        value = float(token)
-    if not np.isfinite(value):
+        rounded = float(token)
+    if not np.isfinite(rounded):
         raise Nonfinite("a count that is not finite")
-    if not value.is_integer() or abs(value) > 2.0**53:
+    exact = Decimal(token.decode())
+    if abs(rounded) > 2.0**64 or exact != exact.to_integral_value():
         raise ValueError("not a whole number")
-    return int(value)
+    return int(exact)
 
 
 def _nanoseconds(token: bytes, exponent: int) -> Decimal:

@@ -23,8 +23,9 @@ def yaw_of_quaternion(x: Any, y: Any, z: Any, w: Any) -> Floats:
     The quaternion's length does not matter.
     """
     x, y, z, w = (np.asarray(part, dtype=np.float64) for part in (x, y, z, w))
-    length = np.hypot(np.hypot(x, y), np.hypot(z, w))
-    safe = np.where(length > 0.0, length, np.nan)
-    x, y, z, w = x / safe, y / safe, z / safe, w / safe
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.hypot(np.hypot(x, y), np.hypot(z, w))
+        safe = np.where(length > 0.0, length, np.nan)
+        x, y, z, w = x / safe, y / safe, z / safe, w / safe
     yaw: Floats = np.arctan2(2.0 * (w * z + x * y), (w * w - z * z) + (x * x - y * y))
     return yaw

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import codecs
 import csv
-import importlib.util
 import io
 import itertools
 import statistics
@@ -294,10 +293,12 @@ class _Arrow:
     @classmethod
     def for_table(cls, table: TextTable, wanted: Sequence[Wanted], places: Sequence[int]) -> _Arrow | None:
         """The fast way, where it is there and worth the time that loading it takes."""
-        big = table.path.stat().st_size >= WORTH_PYARROW
-        if not big or len(set(places)) < len(places) or importlib.util.find_spec("pyarrow") is None:
+        if table.path.stat().st_size < WORTH_PYARROW or len(set(places)) < len(places):
             return None
-        return cls(table, wanted, places)
+        try:
+            return cls(table, wanted, places)
+        except ImportError:
+            return None
 
     def columns(self, block: bytes) -> Columns | None:
         """The wanted columns, or None if anything about the block is not plain."""
