@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from math import atan2, hypot, pi, remainder, tau
 from typing import Any, NamedTuple, overload
 
+from msgspec.structs import replace
+
 from trundle.errors import ConfigError, Infeasible, InputError, ShapeError, did_you_mean, require_finite
 from trundle.geometry import Twist2D
 from trundle.robot import observability
@@ -87,20 +89,7 @@ class Kinematics:
         skid_x: float | None = None,
     ) -> None:
         rx, ry = (require_finite("reference", part) for part in reference)
-        self.wheels = tuple(
-            Wheel(
-                w.name,
-                w.x - rx,
-                w.y - ry,
-                w.radius,
-                w.heading,
-                w.kind,
-                w.free_direction,
-                w.steering_range,
-                w.driven,
-            )
-            for w in wheels
-        )
+        self.wheels = tuple(replace(wheel, x=wheel.x - rx, y=wheel.y - ry) for wheel in wheels)
         self.reference = (rx, ry)
         speaking = [wheel for wheel in self.wheels if wheel.kind is not WheelKind.CASTER]
         self._speaking = speaking
