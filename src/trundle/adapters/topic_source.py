@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from trundle.adapters.bag import BagReader, TopicColumns
+from trundle.adapters.bag import BagReader
+from trundle.adapters.topic_columns import TopicColumns
 from trundle.errors import LogError, LogSchema, did_you_mean
 from trundle.robot.log_mapping import Clock
 
