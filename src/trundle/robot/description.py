@@ -43,6 +43,7 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     """What the robot may do, SI units. None means no limit; only the timeout always has a value.
 
     Attributes:
+        min_speed: Below it the motors stall [m/s]; it is no limit, but what a dead band is made of.
         max_speed: Forward speed [m/s].
         max_lateral_speed: Sideways speed [m/s].
         max_yaw_rate: [rad/s].
@@ -56,6 +57,7 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             switches that off, and `warnings` says so.
     """
 
+    min_speed: float | None = None
     max_speed: float | None = None
     max_lateral_speed: float | None = None
     max_yaw_rate: float | None = None
@@ -73,6 +75,8 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
             never_fits = field == "command_timeout"
             if value != "never" if never_fits else value is not None:
                 require_positive(field, value)
+        if self.min_speed is not None and self.max_speed is not None and self.min_speed > self.max_speed:
+            raise ConfigError("min_speed", f"{self.min_speed:g}, must be <= max_speed ({self.max_speed:g})")
         if self.max_steering is not None and self.max_steering > math.pi:
             raise ConfigError("max_steering", f"{self.max_steering:g} rad, must be <= pi; degrees?")
 
