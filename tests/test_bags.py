@@ -599,7 +599,7 @@ def fault_empty(tmp_path):
 
 def fault_no_file(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    for path in (tmp_path / "pipe", tmp_path / "missing.mcap"):
+    for path in (tmp_path / "pipe", tmp_path / "missing.mcap", tmp_path / ("x" * 300)):
         with pytest.raises(LogError, match="not_a_file"):
             open_bag(path)
     with pytest.raises(LogError, match=r"neither a metadata\.yaml nor"):
@@ -760,7 +760,7 @@ def fault_other_content(tmp_path):
     database.execute("CREATE TABLE songs (name)")
     database.commit()
     database.close()
-    with pytest.raises(LogError, match="no rosbag2: its tables are songs"):
+    with pytest.raises(LogError, match=r": is a database, but no rosbag2: its tables are songs"):
         open_bag(other)
 
 

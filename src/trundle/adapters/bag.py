@@ -200,4 +200,7 @@ def open_bag(path: str | Path, *, salvage: bool = False) -> BagReader:
         LogCorrupt: If its bytes contradict themselves.
         LogLimit: If opening it would take more memory than it may.
     """
-    return BagReader(Path(path), salvage=salvage)
+    try:
+        return BagReader(Path(path), salvage=salvage)
+    except OSError as error:
+        raise LogError(path, "not_a_file", f"cannot be read: {error.strerror}") from None

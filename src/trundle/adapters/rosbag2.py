@@ -6,6 +6,7 @@ import re
 import shutil
 import sqlite3
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
@@ -30,6 +31,8 @@ ROWS_AT_ONCE = 4096
 BYTES_AT_ONCE = 4 << 20
 MOST_METADATA = 16 << 20  # bytes of a metadata.yaml
 MOST_UNPACKED = 64 << 20  # bytes of one batch of messages that were compressed one by one
+
+_PROBLEMS = (sqlite3.Error, UnicodeDecodeError)  # what sqlite3 raises, the second over its own error texts
 
 
 class FolderListing(NamedTuple):
@@ -110,25 +113,20 @@ class Rosbag2Database:
         self.losses: list[str] = []
         self.warnings = ["unverified: sqlite3 databases carry no checksums"]
         self._salvage = salvage
-        self._copy: TemporaryDirectory[str] | None = None
         self._require_whole()
-        self._database = self._connect()
-        try:
-            self._topics = self._read_topics()
-            self._definitions = self._read_definitions()
-            self.topics = self._count()
-        except sqlite3.Error as error:
-            self.close()
-            raise LogCorrupt(path, "corrupt", f"sqlite3 says: {error}") from None
-        except BaseException:
-            self.close()
-            raise
+        with ExitStack() as stack:
+            try:
+                self._database = self._connect(stack)
+                self._topics = self._read_topics()
+                self._definitions = self._read_definitions()
+                self.topics = self._count()
+            except (*_PROBLEMS, TypeError) as error:
+                raise LogCorrupt(path, "corrupt", f"sqlite3 says: {error}") from None
+            self._stack = stack.pop_all()
 
     def close(self) -> None:
         """Let go of the database, and of its copy if one was made."""
-        self._database.close()
-        if self._copy:
-            self._copy.cleanup()
+        self._stack.close()
 
     def message_type(self, topic: str) -> tuple[Struct, Serialization]:
         """How a topic's messages are made.
@@ -186,20 +184,21 @@ class Rosbag2Database:
                 raise error
             self.losses.append(f"{error.problem}; the messages behind are lost")
 
-    def _connect(self) -> sqlite3.Connection:
+    def _connect(self, stack: ExitStack) -> sqlite3.Connection:
         """Open the file as it is, or a copy with what a recorder left beside it, where sqlite3 may tidy."""
         path, mode = self.path, "mode=ro&immutable=1"
         beside = [path.with_name(path.name + end) for end in ("-wal", "-journal")]
         left = [file for file in beside if file.is_file() and file.stat().st_size]
         if left:
-            self._copy = TemporaryDirectory(prefix="trundle-")
+            folder = Path(stack.enter_context(TemporaryDirectory(prefix="trundle-")))
             for file in (path, *left):
-                shutil.copyfile(file, Path(self._copy.name) / file.name)
-            path, mode = Path(self._copy.name) / path.name, "mode=rw"
+                shutil.copyfile(file, folder / file.name)
+            path, mode = folder / path.name, "mode=rw"
             self.warnings.append(
                 f"the recorder did not finish: {', '.join(file.name for file in left)} was applied"
             )
         database = sqlite3.connect(f"file:{quote(str(path.absolute()))}?{mode}", uri=True)
+        stack.callback(database.close)
         if self._salvage:
             database.execute("PRAGMA writable_schema=ON")  # so that a database that was cut opens at all
         return database
@@ -227,9 +226,12 @@ class Rosbag2Database:
         stamps: dict[int, list[Any]] = {}
         query = "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages GROUP BY topic_id"
         try:
-            for number, *rest in self._database.execute(query):
-                stamps[number] = rest
-        except sqlite3.DatabaseError:
+            for number, count, first, last in self._database.execute(query):
+                stamps[number] = [
+                    count,
+                    *(stamp if isinstance(stamp, int) else None for stamp in (first, last)),
+                ]
+        except _PROBLEMS:
             if not self._salvage:
                 raise
             stamps = self._count_rows()
@@ -257,7 +259,7 @@ class Rosbag2Database:
             for row in self._database.execute(query, topics):
                 last = row[0]
                 yield row
-        except sqlite3.DatabaseError as error:
+        except _PROBLEMS as error:
             self._lose(f"sqlite3 says behind row {last} of messages: {error}", "; rows behind it may be lost")
             yield from self._rows_behind(last, columns, topics)
 
@@ -268,14 +270,14 @@ class Rosbag2Database:
                 "SELECT rowid FROM messages WHERE rowid > ? ORDER BY rowid DESC", (last,)
             ):
                 behind.append(row)
-        except sqlite3.DatabaseError:
+        except _PROBLEMS:
             pass
         marks = ",".join("?" * len(topics))
         query = f"SELECT rowid, {columns} FROM messages WHERE rowid = ? AND topic_id IN ({marks})"  # noqa: S608
         for number in reversed(behind):
             try:
                 yield from self._database.execute(query, (number, *topics)).fetchall()
-            except sqlite3.DatabaseError:
+            except _PROBLEMS:
                 self._lose(f"row {number} of messages cannot be read", "; it is lost")
 
     def _lose(self, problem: str, consequence: str) -> None:
