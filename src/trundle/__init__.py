@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         LogTruncated,
         MissingExtra,
         OutputError,
+        PathError,
         ShapeError,
         Singular,
         TrundleError,
@@ -94,6 +95,7 @@ __all__ = [
     "OdometryState",
     "Omni",
     "OutputError",
+    "PathError",
     "Pose2D",
     "Reading",
     "Robot",
@@ -133,7 +135,7 @@ _HOMES = {
     "trundle.adapters.wheel_log_csv": "write_log",
     "trundle.errors": (
         "ConfigError Infeasible InputError LogCorrupt LogError LogLimit LogSchema "
-        "LogTruncated MissingExtra OutputError ShapeError Singular TrundleError "
+        "LogTruncated MissingExtra OutputError PathError ShapeError Singular TrundleError "
         "Unobservable "
     ),
     "trundle.evaluate": "Comparison compare",

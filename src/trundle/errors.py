@@ -8,6 +8,7 @@
     ├── Unobservable (ArithmeticError)    these readings do not determine the answer
     │   └── Singular
     ├── Infeasible (ValueError)           the robot cannot move like that
+    ├── PathError (ValueError)            a path that nothing can follow
     ├── LogError (ValueError)             a file that cannot be read as a log
     │   ├── LogTruncated (EOFError)       it ends too early
     │   ├── LogCorrupt                    its bytes contradict themselves
@@ -36,6 +37,7 @@ __all__ = [
     "LogTruncated",
     "MissingExtra",
     "OutputError",
+    "PathError",
     "ShapeError",
     "Singular",
     "TrundleError",
@@ -89,6 +91,10 @@ class Singular(ConfigError, Unobservable):
 
 class Infeasible(TrundleError, ValueError):
     """A motion that the robot cannot make."""
+
+
+class PathError(TrundleError, ValueError):
+    """A path that nothing can follow: too short, not finite, or with a corner in it."""
 
 
 class LogError(TrundleError, ValueError):

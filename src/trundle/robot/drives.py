@@ -33,6 +33,7 @@ Radius = float | Mapping[str, float]
 Measured = str | Sequence[str] | None
 Point = tuple[float, float]
 
+_INCH = 0.0254  # m
 FOUR_WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 
 
@@ -470,6 +471,32 @@ class TrackingWheels(Kinematics):
             placed.append(Wheel(name, x, y, radius[name], heading, kind="tracking", driven=False))
         super().__init__(placed, measured=measured, reference=reference)
         self.parameters = {"wheels": wheels, "wheel_radius": wheel_radius}
+
+    @classmethod
+    def in_inches(
+        cls,
+        wheels: Sequence[tuple[float, float, float]] | Mapping[str, tuple[float, float, float]],
+        wheel_radius: Radius = 1.0,
+        *,
+        measured: Measured = None,
+    ) -> TrackingWheels:
+        """The same with places and radii in inches at this door; inside, all is metres.
+
+        With the radius left at 1 in, a wheel turns by one radian per inch: readings may then be given
+        as the inches that the wheels rolled.
+
+        Args:
+            wheels: Their poses (x, y, heading) [in, in, rad], or the same by name.
+            wheel_radius: Of all, or by wheel name [in].
+            measured: See `Kinematics`.
+        """
+        places = {
+            name: (_INCH * x, _INCH * y, heading)
+            for name, place in _named_places("wheels", wheels, "wheel").items()
+            for x, y, heading in [_numbers("wheels", name, place, 3)]
+        }
+        radii = {name: _INCH * radius for name, radius in _radii(wheel_radius, tuple(places)).items()}
+        return cls(places, radii, measured=measured)
 
 
 class Custom(Kinematics):
