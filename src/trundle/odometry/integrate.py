@@ -22,7 +22,7 @@ from trundle.odometry import path
 from trundle.odometry.covariance import ZERO, Six, weighted_sum
 from trundle.odometry.encoder_counts import count_differences
 from trundle.odometry.error_model import ErrorModel
-from trundle.odometry.integrator import Integrator
+from trundle.odometry.integrator import Integrator, mean_rate
 from trundle.odometry.wheel_odometry import CLOCK_RESOLUTION_NS, Drift, Memory, WheelOdometry
 from trundle.records import Reading, Trajectory, WheelLog
 from trundle.robot import Kinematics, Robot, TrackingWheels
@@ -214,14 +214,14 @@ class _Fold:
     def _block(self, rows: slice) -> bool:
         """Fold a run of plain rows as arrays; False if their motion cannot be observed."""
         odometry, data = self.odometry, self.rows
-        drive = odometry.drive
+        drive, memory = odometry.drive, odometry.memory
         seconds = data.seconds(rows)
-        turned = [data.turned(k, rows, odometry) for k in range(len(data.wheels))]
+        turned = self._turned(rows, seconds)
         before = slice(rows.start - 1, rows.stop - 1)
         middle = [_midway(column[before], column[rows]) for column in data.steering]
         turn = None
         if data.yaw_rate is not None:
-            turn = 0.5 * seconds * (data.yaw_rate[before] + data.yaw_rate[rows])
+            turn = self._swept(data.yaw_rate, rows, seconds, memory.earlier_yaw_rate)
         elif drive.gyro and not drive.observable_without_gyro:
             return False
         try:
@@ -230,7 +230,7 @@ class _Fold:
             return False
         step = [np.broadcast_to(part, seconds.shape) for part in step]
 
-        raw, memory = step, odometry.memory
+        raw = step
         previous = None
         if memory.before is not None and self.integrator is Integrator.ARC_PLUS:
             previous = [np.array([part]) for part in (*memory.before, memory.before_ns * 1e-9)]
@@ -266,11 +266,39 @@ class _Fold:
                 upper=upper,
                 before=tuple(float(part[-1]) for part in raw),
                 before_ns=int(data.time_ns[last] - data.time_ns[last - 1]),
+                earlier=[column[last - 1].item() for column in data.wheels],
+                earlier_yaw_rate=None if data.yaw_rate is None else float(data.yaw_rate[last - 1]),
                 quantum=quantum,
                 drifts=drifts,
             ),
         )
         return True
+
+    def _turned(self, rows: slice, seconds: Floats) -> list[Floats]:
+        """What each wheel turned [rad] in each of the rows, as `update` sees it."""
+        data, memory = self.rows, self.odometry.memory
+        if data.reading is not Reading.VELOCITY:
+            return [data.turned(k, rows, self.odometry) for k in range(len(data.wheels))]
+        earlier: Sequence[float | None] = memory.earlier or [None] * len(data.wheels)
+        return [
+            self._swept(column, rows, seconds, first)
+            for column, first in zip(data.wheels, earlier, strict=True)
+        ]
+
+    def _swept(self, rates: Floats, rows: slice, seconds: Floats, first: float | None) -> Floats:
+        """Integral of a rate over each of the rows; `first` is its sample before the first of them."""
+        now, then = rates[rows], rates[rows.start - 1 : rows.stop - 1]
+        trapezoid: Floats = 0.5 * seconds * (then + now)
+        memory = self.odometry.memory
+        if self.integrator is not Integrator.ARC_PLUS:
+            return trapezoid
+        known = memory.before is not None and first is not None
+        h0 = np.concatenate([[memory.before_ns * 1e-9 if known else seconds[0]], seconds[:-1]])
+        earlier = np.concatenate([[first if known else then[0]], then[:-1]])
+        swept: Floats = seconds * mean_rate(earlier, then, now, h0, seconds)
+        if not known:
+            swept[0] = trapezoid[0]
+        return swept
 
     def _uncertainty(
         self,

@@ -29,7 +29,7 @@ from trundle.odometry.covariance import (
 )
 from trundle.odometry.encoder_counts import count_difference, whole_count
 from trundle.odometry.error_model import ErrorModel
-from trundle.odometry.integrator import Integrator
+from trundle.odometry.integrator import Integrator, mean_rate
 from trundle.odometry.plausibility import Plausibility
 from trundle.records import Reading
 from trundle.robot import Encoder, Kinematics, Robot
@@ -94,6 +94,7 @@ class Memory(NamedTuple):
         upper: Upper triangle of the covariance.
         before: Displacement of the last step as measured, for the commutator; None after a break.
         before_ns: Its duration.
+        earlier: Reading at its beginning; and the gyro's.
         quantum: What being anywhere within a tick makes uncertain.
         drifts: What errors of the description have done so far, seen from the odom frame.
     """
@@ -103,6 +104,8 @@ class Memory(NamedTuple):
     upper: Six
     before: Sequence[float] | None
     before_ns: int
+    earlier: Numbers = ()
+    earlier_yaw_rate: float | None = None
     quantum: Six = ZERO
     drifts: Sequence[Drift] = ()
 
@@ -140,6 +143,8 @@ class WheelOdometry:
         "_covariance",
         "_displacement",
         "_drifts",
+        "_earlier",
+        "_earlier_yaw_rate",
         "_far_x",
         "_far_y",
         "_has_gyro",
@@ -215,6 +220,8 @@ class WheelOdometry:
         self._kind: Reading | None = None
         self._time_ns = self._before_ns = self._strikes = 0
         self._reading: Numbers | None = None
+        self._earlier: Numbers = ()
+        self._earlier_yaw_rate: float | None = None
         self._steering: Numbers = ()
         self._yaw_rate: float | None = None
         self._twist = Twist2D()
@@ -326,6 +333,8 @@ class WheelOdometry:
             self._covariance,
             self._before,
             self._before_ns,
+            self._earlier,
+            self._earlier_yaw_rate,
             self._quantum,
             self._drifts,
         )
@@ -346,6 +355,7 @@ class WheelOdometry:
         self._drifts, self._quantum = list(memory.drifts), memory.quantum
         if self._commutes:
             self._before, self._before_ns = memory.before, memory.before_ns
+            self._earlier, self._earlier_yaw_rate = memory.earlier, memory.earlier_yaw_rate
         self.accepted += count - 1
         self._accept(time_ns, reading, steering, yaw_rate, "")
 
@@ -383,16 +393,20 @@ class WheelOdometry:
                 return self._reject("no_gyro")
             if turn is not None and not isfinite(turn):
                 return self._reject("nonfinite")
-        try:
-            dx, dy, dt = self._displacement(turned, middle, turn)
-        except Unobservable:
-            return self._reject("range")
         # One bound for all wheels together settles nearly every sample, NaN and infinity included.
         if not hypot(*turned) <= self._surely * seconds:
             if not isfinite(sum(turned)):
                 return self._reject("nonfinite")
             if not self.plausible.allows(turned, seconds):
                 return self._implausible(time_ns, kind, reading, steering, yaw_rate)
+        if kind is VELOCITY and self._commutes and self._before is not None:
+            h0 = self._before_ns * 1e-9
+            samples = zip(self._earlier, before, reading, strict=True)
+            turned = [seconds * mean_rate(a, b, c, h0, seconds) for a, b, c in samples]
+        try:
+            dx, dy, dt = self._displacement(turned, middle, turn)
+        except Unobservable:
+            return self._reject("range")
 
         reason = ""
         if elapsed > self.max_gap_ns or self._lost:
@@ -409,6 +423,8 @@ class WheelOdometry:
                 dx, dy = dx - factor * (at * dy - dt * ay), dy + factor * (at * dx - dt * ax)
             self._before = measured
             self._before_ns = elapsed
+            self._earlier = before
+            self._earlier_yaw_rate = self._yaw_rate
         heading = self._toward + self._theta + self._lead * dt
         c, s = cos(heading), sin(heading)
         if self._chord and dt:
@@ -626,11 +642,15 @@ class WheelOdometry:
         return turned
 
     def _gyro_turn(self, yaw_rate: float | None, seconds: float) -> float | None:
-        """What the gyro turned in the step [rad], by the trapezoid; None where it was silent."""
+        """What the gyro turned in the step [rad], None where it was silent."""
         if yaw_rate is None or self._yaw_rate is None:
             if yaw_rate is None and self._yaw_rate is not None:
                 self._count_event("gyro_dropout")
             return None
+        if self._commutes and self._before is not None and self._earlier_yaw_rate is not None:
+            h0, h1 = self._before_ns * 1e-9, seconds
+            mean: float = mean_rate(self._earlier_yaw_rate, self._yaw_rate, yaw_rate, h0, h1)
+            return h1 * mean
         return 0.5 * seconds * (yaw_rate + self._yaw_rate)
 
     def _check_steering(self, steering: Numbers) -> Numbers | str:
