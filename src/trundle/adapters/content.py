@@ -22,6 +22,7 @@ class Content(enum.Enum):
     ROSBAG1 = "rosbag1"
     ROSBAG2 = "rosbag2"
     WPILOG = "WPILOG"
+    TUB = "donkeycar tub"
 
 
 _MAGIC = {
@@ -44,7 +45,7 @@ _TEXT_CONTROLS = b"\t\n\v\f\r\x1a\x1b"
 
 
 def content_of(path: str | os.PathLike[str]) -> Content:
-    """What kind of log a file (or a rosbag2 folder) is.
+    """What kind of log a file (or the folder of a rosbag2 recording or a tub) is.
 
     Raises:
         LogError: With reason `not_a_file`, `unreadable`, `empty`, or, where the content is of no known
@@ -53,7 +54,7 @@ def content_of(path: str | os.PathLike[str]) -> Content:
     path = Path(path)
     try:
         mode = path.stat().st_mode
-        parts = [part.suffix for part in path.iterdir()] if stat.S_ISDIR(mode) else []
+        parts = list(path.iterdir()) if stat.S_ISDIR(mode) else []
         head = _head(path) if stat.S_ISREG(mode) else b""
     except FileNotFoundError:
         raise LogError(path, "not_a_file", "no such file") from None
@@ -62,9 +63,7 @@ def content_of(path: str | os.PathLike[str]) -> Content:
     except ValueError as error:  # a name with a NUL in it
         raise LogError(path, "not_a_file", str(error)) from error
     if stat.S_ISDIR(mode):
-        if not set(parts) & _ROSBAG2_PARTS:
-            raise LogError(path, "not_a_file", "is a folder without a rosbag2 recording, must be a file")
-        return Content.ROSBAG2
+        return _folder(path, parts)
     if not stat.S_ISREG(mode):
         raise LogError(path, "not_a_file", "is a pipe or a device, must be a file")
     if not head:
@@ -74,6 +73,15 @@ def content_of(path: str | os.PathLike[str]) -> Content:
         if head.startswith(magic) or magic.startswith(head):
             return content
     return _text(path, head)
+
+
+def _folder(path: Path, parts: list[Path]) -> Content:
+    if any(part.name == "manifest.json" for part in parts):
+        return Content.TUB
+    if any(part.suffix in _ROSBAG2_PARTS for part in parts):
+        return Content.ROSBAG2
+    problem = "is a folder without a rosbag2 recording or a donkeycar tub, must be a file"
+    raise LogError(path, "not_a_file", problem)
 
 
 def _head(path: Path) -> bytes:

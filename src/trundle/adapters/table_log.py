@@ -26,7 +26,7 @@ from trundle.records import Reading, Trajectory, WheelLog
 from trundle.robot import Robot
 from trundle.robot.log_mapping import LogMapping, ReferenceMapping, ScalarMapping, TimeMapping, Unit
 
-__all__ = ["read_table_log"]
+__all__ = ["read_table_log", "wheel_log_of"]
 
 Array = npt.NDArray[Any]
 
@@ -46,7 +46,12 @@ def read_table_log(path: Path, robot: Robot, mapping: LogMapping) -> WheelLog:
         LogError: If the file cannot be read.
         ConfigError: If the mapping does not fit the robot, or is one of topics.
     """
-    table = open_table(path, mapping.table)
+    return wheel_log_of(open_table(path, mapping.table), robot, mapping)
+
+
+def wheel_log_of(table: Table, robot: Robot, mapping: LogMapping) -> WheelLog:
+    """An open table as a wheel log; see `read_table_log`."""
+    path = table.path
     mapping = with_default_columns(mapping, robot, path, table.names)
     time = mapping.time or default_time(table.names)
     wheels = {name: mapping.wheels[name] for name in _names(robot, mapping)}
