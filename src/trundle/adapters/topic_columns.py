@@ -28,6 +28,7 @@ _Rows: TypeAlias = slice | npt.NDArray[np.int64]  # numbers of messages, in the 
 _Matrix: TypeAlias = npt.NDArray[np.uint8]  # one message of the same size per row
 
 MOST_GROUPS = 16  # layouts that are looked for in one batch before its other messages are read one by one
+ROWS_COMPARED = 256  # at once: few enough to stay in the cache
 MOST_KNOWN = 64  # layouts that are remembered for one size
 
 
@@ -299,7 +300,12 @@ def _agree(matrix: _Matrix, first: bytes, start: int, stop: int) -> bool:
     if stop - start in (1, 2, 4, 8):
         words = matrix[:, start:stop].view(f"u{stop - start}")[:, 0]
         return bool((words == words[0]).all())
-    return matrix[:, start:stop].tobytes() == first[start:stop] * len(matrix)
+    expected = first[start:stop] * ROWS_COMPARED
+    for row in range(0, len(matrix), ROWS_COMPARED):
+        found = matrix[row : row + ROWS_COMPARED, start:stop].tobytes()
+        if found != expected[: len(found)]:
+            return False
+    return True
 
 
 def _part(rows: _Rows, chosen: slice | npt.NDArray[np.int64]) -> _Rows:
