@@ -33,8 +33,9 @@ class SpeedLimits(msgspec.Struct, frozen=True, kw_only=True):
         max_yaw_rate: [rad/s].
         feasible_speed: The greatest speed [m/s] that the robot can have at a pose with a curvature of
             its path [1/m]: where limits on wheels come in.
-        feasible_twist: For robots that do not point along their path: by what number a body twist may be
-            multiplied at most, given the twist for 1 m/s.
+        load: What fraction of the robot's limits a body twist uses (1 is the edge), for robots that
+            may point anywhere on their path: `command.Envelope(robot).load`. Twice the twist is taken
+            to be twice the load.
     """
 
     max_speed: float
@@ -44,7 +45,7 @@ class SpeedLimits(msgspec.Struct, frozen=True, kw_only=True):
     max_lateral_acceleration: float | None = None
     max_yaw_rate: float | None = None
     feasible_speed: Callable[[Pose2D, float], float] | None = None
-    feasible_twist: Callable[[Twist2D], float] | None = None
+    load: Callable[[Twist2D], float] | None = None
 
     def __post_init__(self) -> None:
         for field in self.__struct_fields__:
@@ -70,8 +71,8 @@ class SpeedLimits(msgspec.Struct, frozen=True, kw_only=True):
             speed = min(speed, self.max_yaw_rate / abs(point.turn))
         if self.feasible_speed is not None:
             speed = _least(speed, self.feasible_speed(point.pose, point.curvature))
-        if self.feasible_twist is not None:
-            speed = _least(speed, self.feasible_twist(point.motion))
+        if self.load is not None and (load := self.load(point.motion)):
+            speed = _least(speed, 1.0 / load)
         if not speed > 0.0:
             raise PathError(
                 f"the robot cannot drive at ({point.x:g}, {point.y:g}) m, {point.distance:g} m along it, "
