@@ -1,8 +1,8 @@
 """Wheel logs from recorded topics.
 
-The stamps of the first wheel's topic are the rows of the log. What other topics say is put there: a
-running total or a speed between its neighbours, an increment by its running sum, a held value as it was
-last.
+The stamps of the first wheel's topic are the rows of the log; where values are logged when they change, so
+are the stamps of all that change. What other topics say is put there: a running total or a speed between its
+neighbours, an increment by its running sum, a held value as it was last.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from trundle.adapters.conversion import (
 )
 from trundle.adapters.quaternion import yaw_of_quaternion
 from trundle.adapters.reference import reference_trajectory
-from trundle.adapters.resampling import held, interpolated, summed, unwrapped
+from trundle.adapters.resampling import changes, held, interpolated, summed, unwrapped
 from trundle.adapters.topic_fields import pose_fields, scalar_field, twist_fields
-from trundle.adapters.topic_source import TopicSource
+from trundle.adapters.topic_source import Recording, TopicSource
 from trundle.errors import ConfigError, LogSchema
 from trundle.records import Reading, Trajectory, WheelLog
 from trundle.robot import Robot
 from trundle.robot.log_mapping import LogMapping, ScalarMapping, Unit, WheelMapping
 
-__all__ = ["read_bag_log"]
+__all__ = ["read_bag_log", "recording_log"]
 
 Array = npt.NDArray[Any]
 Stamps = npt.NDArray[np.int64]
@@ -58,8 +58,25 @@ def read_bag_log(path: Path, robot: Robot, mapping: LogMapping, *, salvage: bool
         ConfigError: If the mapping does not fit the robot, or is one of columns.
     """
     with open_bag(path, salvage=salvage) as bag:
-        log = _BagLog(TopicSource(bag, mapping.clock), robot, mapping).read()
-        return dataclasses.replace(log, warnings=(*bag.losses, *bag.warnings, *log.warnings))
+        return recording_log(bag, robot, mapping)
+
+
+def recording_log(recording: Recording, robot: Robot, mapping: LogMapping) -> WheelLog:
+    """An open recording as a wheel log.
+
+    Args:
+        recording: Of any format.
+        robot: Whose wheels it holds.
+        mapping: Which topics hold them.
+
+    Raises:
+        LogSchema: If a topic, field or joint does not exist, or cannot be in its unit.
+        LogError: If the recording cannot be read.
+        ConfigError: If the mapping does not fit the robot, or is one of columns.
+    """
+    log = _BagLog(TopicSource(recording, mapping.clock), robot, mapping).read()
+    losses = tuple(recording.losses)
+    return dataclasses.replace(log, warnings=(*losses, *recording.warnings, *log.warnings), losses=losses)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +133,7 @@ class _BagLog:
         twist = self._twists()
         if self.reading is Reading.TICKS and not self._can_stay_raw(signals, series):
             self._unwrap(series)
-        time_ns = self._rows(series, twist)
+        time_ns = self._rows(signals, series, twist)
         columns, known = {}, np.ones(len(time_ns), dtype=bool)
         for label, own in series.items():
             columns[label], there = self._at(time_ns, own, label, hold=signals[label].hold)
@@ -210,10 +227,17 @@ class _BagLog:
 
     # --- common rows -----------------------------------------------------------------------------
 
-    def _rows(self, series: dict[str, _Series], twist: _Series | None) -> Stamps:
-        """The stamps of the log: those of the first wheel, or of the robot's own twist."""
+    def _rows(self, signals: dict[str, _Signal], series: dict[str, _Series], twist: _Series | None) -> Stamps:
+        """The stamps of the log: those of the first wheel, or of the robot's own twist.
+
+        Where that wheel is logged when it changes, whatever else is logged so makes rows as well.
+        """
         if self.names:
-            return series[f"log.wheels.{self.names[0]}"].time_ns
+            first = f"log.wheels.{self.names[0]}"
+            if signals[first].hold and self.reading is not Reading.INCREMENT:
+                on_change = [own.time_ns for label, own in series.items() if signals[label].hold]
+                return changes(self.path, on_change)
+            return series[first].time_ns
         assert twist is not None  # a mapping without wheels and twist has been refused
         return twist.time_ns
 

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from trundle.adapters.content import Content, content_of
-from trundle.errors import LogError
 from trundle.records import WheelLog
 from trundle.robot import Kinematics, LogMapping, Robot
 
@@ -29,7 +28,8 @@ def read_log(
     """What the sensors of a robot said, from a log of any known format.
 
     Args:
-        path: A text table, Parquet, MCAP, a rosbag, or a rosbag2 folder; told apart by content.
+        path: A text table, Parquet, MCAP, a rosbag, a rosbag2 folder, or a donkeycar tub;
+            told apart by content.
         robot: Whose log it is; or just its drive.
         mapping: How the log says it, in place of the robot's own `log` section.
         salvage: Of a damaged recording, read what can be read; `warnings` say what could not.
@@ -49,11 +49,6 @@ def read_log(
     path = Path(path)
     described = robot if isinstance(robot, Robot) else Robot(drive=robot)
     content = content_of(path)
-    if content not in _READERS:
-        known = ", ".join(known.value for known in _READERS)
-        raise LogError(
-            path, "format", f"is {content.value}, which cannot be read as a log yet; known: {known}"
-        )
     # NaN and infinity go through units and mountings as they are: odometry judges them.
     with np.errstate(over="ignore", invalid="ignore"):
         log = _READERS[content](path, described, mapping or described.log, salvage)
@@ -75,6 +70,18 @@ def _read_bag(path: Path, robot: Robot, mapping: LogMapping, salvage: bool) -> W
     return read_bag_log(path, robot, mapping, salvage=salvage)
 
 
+def _read_wpilog(path: Path, robot: Robot, mapping: LogMapping, salvage: bool) -> WheelLog:
+    from trundle.adapters.wpilog_log import read_wpilog_log
+
+    return read_wpilog_log(path, robot, mapping, salvage=salvage)
+
+
+def _read_tub(path: Path, robot: Robot, mapping: LogMapping, _salvage: bool) -> WheelLog:
+    from trundle.adapters.tub_log import read_tub_log
+
+    return read_tub_log(path, robot, mapping)
+
+
 # Formats that load nothing until they are read.
 _READERS: dict[Content, Reader] = {
     Content.TEXT: _read_table,
@@ -82,4 +89,6 @@ _READERS: dict[Content, Reader] = {
     Content.MCAP: _read_bag,
     Content.ROSBAG1: _read_bag,
     Content.ROSBAG2: _read_bag,
+    Content.WPILOG: _read_wpilog,
+    Content.TUB: _read_tub,
 }

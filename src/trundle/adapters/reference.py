@@ -9,11 +9,15 @@ from trundle.geometry import se2
 from trundle.records import Trajectory
 from trundle.robot.log_mapping import ReferenceMapping
 
-__all__ = ["TRACKED_POINT", "reference_trajectory"]
+__all__ = ["TRACKED_POINT", "jumps", "reference_trajectory"]
 
 Floats = npt.NDArray[np.float64]
 
 TRACKED_POINT = "tracked_point"
+
+# No robot moves faster than this.
+FASTEST = 15.0  # m/s
+FASTEST_TURN = 30.0  # rad/s
 
 
 def reference_trajectory(
@@ -46,3 +50,20 @@ def reference_trajectory(
         frame="map",
         child_frame=TRACKED_POINT if elsewhere else "base_link",
     )
+
+
+def jumps(trajectory: Trajectory) -> npt.NDArray[np.int64]:
+    """Stamps of the poses that nothing can have reached from the pose before: a reset, or a hand.
+
+    Args:
+        trajectory: Poses that are logged when they change, so that a long step is one of a single cycle.
+    """
+    if len(trajectory) < 3:
+        return np.empty(0, np.int64)
+    elapsed = np.diff(trajectory.time_ns) * 1e-9
+    elapsed = np.minimum(elapsed, 2.0 * float(np.median(elapsed)))
+    step = np.diff(trajectory.poses, axis=0)
+    far = np.hypot(step[:, 0], step[:, 1]) > FASTEST * elapsed
+    turned = np.abs(se2.wrap(step[:, 2])) > FASTEST_TURN * elapsed  # not where headings are NaN
+    stamps: npt.NDArray[np.int64] = trajectory.time_ns[1:][far | turned]
+    return stamps

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["LONGEST_BRIDGE_NS", "held", "interpolated", "summed", "unwrapped"]
+from trundle.errors import LogLimit
+
+__all__ = ["LONGEST_BRIDGE_NS", "changes", "held", "interpolated", "summed", "unwrapped"]
 
 Stamps = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
@@ -15,6 +20,8 @@ Floats = npt.NDArray[np.float64]
 
 # Between two samples further apart than this, what lies between is not known.
 LONGEST_BRIDGE_NS = 500_000_000
+
+MOST_HELD_ROWS = 1_000_000  # put where nothing changed: days of silence, one every half second
 
 
 def held(wanted: Stamps, time_ns: Stamps, values: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], Mask]:
@@ -24,6 +31,44 @@ def held(wanted: Stamps, time_ns: Stamps, values: npt.NDArray[Any]) -> tuple[npt
     if not len(time_ns):
         return np.zeros(len(wanted), values.dtype), np.zeros(len(wanted), dtype=bool)
     return values[order][np.maximum(last, 0)], last >= 0
+
+
+def changes(source: object, series: Sequence[Stamps]) -> Stamps:
+    """Rows for values that are logged when they change, in a loop with a steady cycle.
+
+    What changed in one cycle was logged within a moment and makes one row, at its last stamp. Where nothing
+    changed for longer, rows stand a cycle after the last change and a cycle before the next, since all that
+    while the values held, and others every half second, so that silence is no gap.
+
+    Args:
+        source: The log, for errors.
+        series: Stamps of each value's changes, each in order.
+
+    Raises:
+        LogLimit: If the silence would take more than a million rows.
+    """
+    stamps = np.unique(np.concatenate([np.empty(0, np.int64), *series]))
+    steps = np.concatenate([np.empty(0, np.int64), *map(np.diff, series)])
+    # Most values change in most cycles; what is shorter yet is jitter.
+    cycle = int(np.quantile(steps, 0.1)) if len(steps) else 0
+    ticks = stamps.tolist()
+    rows, at = [], 0
+    while at < len(ticks):
+        at = bisect_right(ticks, ticks[at] + cycle // 4, at)
+        rows.append(ticks[at - 1])
+    if not cycle:
+        return np.array(rows, np.int64)
+    silent = [(a, b - cycle) for a, b in pairwise(rows) if 2 * (b - a) > 3 * cycle]
+    wanted = sum(3 + (until - since) // LONGEST_BRIDGE_NS for since, until in silent)
+    if wanted > MOST_HELD_ROWS:
+        hours = sum(until - since for since, until in silent) / 3.6e12
+        raise LogLimit(source, "limit", f"its values would have to be held for {hours:.4g} hours of silence")
+    filled = [np.array(rows, np.int64)]
+    for since, until in silent:
+        filled.append(
+            np.append(np.arange(since, until, LONGEST_BRIDGE_NS), [min(since + cycle, until), until])
+        )
+    return np.unique(np.concatenate(filled))
 
 
 def interpolated(wanted: Stamps, time_ns: Stamps, values: Floats) -> tuple[Floats, Mask]:

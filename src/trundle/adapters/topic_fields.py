@@ -27,6 +27,7 @@ _TWIST = {
     "geometry_msgs/msg/TwistWithCovarianceStamped": "twist.twist.",
     "nav_msgs/msg/Odometry": "twist.twist.",
 }
+_WPILIB_TWISTS = ("struct:ChassisSpeeds", "struct:ChassisVelocities")
 _POSE = {
     "geometry_msgs/msg/Pose": ("position.", "orientation."),
     "geometry_msgs/msg/PoseStamped": ("pose.position.", "pose.orientation."),
@@ -37,6 +38,14 @@ _POSE = {
     "geometry_msgs/msg/Point": ("", None),
     "geometry_msgs/msg/PointStamped": ("point.", None),
     "nav_msgs/msg/Odometry": ("pose.pose.position.", "pose.pose.orientation."),
+    "struct:Pose3d": ("translation.", "rotation.q."),
+    "struct:Translation2d": ("", None),
+}
+_PLANAR_POSE = {
+    "geometry_msgs/msg/Pose2D": (["x", "y"], ["theta"]),
+    "struct:Pose2d": (["translation.x", "translation.y"], ["rotation.value"]),
+    # As WPILib's Field2d writes them: x, y, heading, of each of its objects.
+    "double[]": (["value.0", "value.1"], ["value.2"]),
 }
 
 
@@ -59,6 +68,8 @@ def scalar_field(source: object, topic: str, kind: str, *, speed: bool) -> str:
     package, _, name = kind.rpartition("/")
     if package == "std_msgs/msg" and name.removesuffix("MultiArray") in _PLAIN_NUMBERS:
         return "data"
+    if kind in ("boolean", "int64", "float", "double", "struct:Rotation2d"):
+        return "value"
     raise LogSchema(source, "field", f"{topic} is {kind}: say which field")
 
 
@@ -68,8 +79,11 @@ def twist_fields(source: object, topic: str, kind: str) -> list[str]:
     Raises:
         LogSchema: If this type holds no twist.
     """
+    if kind in _WPILIB_TWISTS:
+        return ["vx", "vy", "omega"]
     if kind not in _TWIST:
-        raise LogSchema(source, "type", f"{topic} is {kind}, must be one of {', '.join(_TWIST)}")
+        allowed = ", ".join((*_TWIST, *_WPILIB_TWISTS))
+        raise LogSchema(source, "type", f"{topic} is {kind}, must be one of {allowed}")
     return [_TWIST[kind] + part for part in ("linear.x", "linear.y", "angular.z")]
 
 
@@ -79,10 +93,10 @@ def pose_fields(source: object, topic: str, kind: str) -> tuple[list[str], list[
     Raises:
         LogSchema: If this type holds no pose.
     """
-    if kind == "geometry_msgs/msg/Pose2D":
-        return ["x", "y"], ["theta"]
+    if kind in _PLANAR_POSE:
+        return _PLANAR_POSE[kind]
     if kind not in _POSE:
-        allowed = ", ".join((*_POSE, "geometry_msgs/msg/Pose2D"))
+        allowed = ", ".join((*_POSE, *_PLANAR_POSE))
         raise LogSchema(source, "type", f"{topic} is {kind}, must be one of {allowed}")
     position, rotation = _POSE[kind]
     quaternion = [] if rotation is None else [rotation + part for part in "xyzw"]

@@ -4,23 +4,41 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from trundle.adapters.bag import BagReader
-from trundle.adapters.topic_columns import TopicColumns
+from trundle.adapters.topic_columns import TopicColumns, TopicInfo
 from trundle.errors import LogError, LogSchema, did_you_mean
 from trundle.robot.log_mapping import Clock
 
-__all__ = ["TopicSource"]
+__all__ = ["Recording", "TopicSource"]
 
 Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]
 Stamps = npt.NDArray[np.int64]
 
 SKEW = 0.1  # standard deviation between header stamps and receive times [s] above which they disagree
+
+
+class Recording(Protocol):
+    """An open recording of any format, read topic by topic."""
+
+    path: Path
+    topics: dict[str, TopicInfo]
+
+    @property
+    def losses(self) -> list[str]:
+        """What could not be read, one sentence each."""
+
+    @property
+    def warnings(self) -> list[str]:
+        """What could not be checked, one sentence each."""
+
+    def read(self, topic: str, fields: Sequence[str]) -> TopicColumns:
+        """Columns of the named fields of a topic's messages."""
 
 
 class TopicSource:
@@ -31,7 +49,7 @@ class TopicSource:
         warnings: What a person should know about its clocks, as sentences.
     """
 
-    def __init__(self, bag: BagReader, clock: Clock) -> None:
+    def __init__(self, bag: Recording, clock: Clock) -> None:
         self.bag = bag
         self.warnings: list[str] = []
         self._clock = clock

@@ -10,7 +10,7 @@ from trundle.adapters.atomic import atomic_path
 from trundle.errors import InputError, LogError
 from trundle.records import Trajectory
 
-__all__ = ["read_trajectory", "write_trajectory"]
+__all__ = ["TRAJECTORY_SUFFIXES", "read_trajectory", "write_trajectory"]
 
 
 def write_trajectory(trajectory: Trajectory, path: str | os.PathLike[str], *, force: bool = False) -> None:
@@ -78,6 +78,12 @@ def _write_parquet(trajectory: Trajectory, path: Path) -> None:
     write_trajectory_parquet(trajectory, path)
 
 
+def _write_wpilog(trajectory: Trajectory, path: Path) -> None:
+    from trundle.adapters.wpilog_trajectory import write_wpilog
+
+    write_wpilog(trajectory, path)
+
+
 def _read_tum(path: Path) -> Trajectory:
     from trundle.adapters.tum import read_tum
 
@@ -90,14 +96,25 @@ def _read_table(path: Path) -> Trajectory:
     return read_trajectory_table(path)
 
 
+def _read_wpilog(path: Path) -> Trajectory:
+    from trundle.adapters.wpilog_trajectory import read_wpilog_trajectory
+
+    return read_wpilog_trajectory(path)
+
+
 # A format to come is a line in each; nothing is loaded until it is used.
 _WRITERS: dict[str, Callable[[Trajectory, Path], None]] = {
     ".tum": _write_tum,
     ".csv": _write_csv,
     ".parquet": _write_parquet,
+    ".wpilog": _write_wpilog,
 }
 _READERS: dict[str, Callable[[Path], Trajectory]] = {
     ".tum": _read_tum,
     ".csv": _read_table,
     ".parquet": _read_table,
+    ".wpilog": _read_wpilog,
 }
+
+TRAJECTORY_SUFFIXES = tuple(_WRITERS)
+"""What a file name may end in to be written."""

@@ -52,6 +52,7 @@ class WheelLog:
         reference: Where the robot really was, on its own stamps, or None.
         rejected: Rows that could not even be read, by reason.
         warnings: What the reader noticed and a person should know, as sentences.
+        losses: Those of the warnings that say which part of a damaged recording is missing.
         source: File that it came from.
     """
 
@@ -66,6 +67,7 @@ class WheelLog:
     reference: Trajectory | None = None
     rejected: Mapping[str, int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    losses: tuple[str, ...] = ()
     source: str = ""
 
     def __post_init__(self) -> None:
