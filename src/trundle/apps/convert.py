@@ -1,0 +1,70 @@
+"""`trundle convert`: the same trajectory, or the same log, in another format."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from trundle.apps.exit_code import ExitCode
+from trundle.apps.output_file import check_output
+from trundle.apps.wording import counted, labelled, plural, seconds
+
+__all__ = ["convert"]
+
+
+def convert(
+    source: Path,
+    output: Path,
+    /,
+    *,
+    robot: Path | None = None,
+    salvage: Annotated[bool, Parameter(alias="--allow-partial", negative="")] = False,
+    force: Annotated[bool, Parameter(negative="")] = False,
+) -> ExitCode:
+    """Write a trajectory in another format; or, with --robot, a wheel log as Trundle's own CSV.
+
+    Args:
+        source: A trajectory, told by its suffix; or a log of any format.
+        output: Its suffix says the format.
+        robot: The description of the robot whose log it is; its log: section says what is in it.
+        salvage: Of a damaged recording, read what can be read (exit code 4).
+        force: Replace a file that exists.
+    """
+    from trundle.adapters.trajectory import TRAJECTORY_SUFFIXES, read_trajectory, write_trajectory
+
+    inputs = [path for path in (source, robot) if path is not None]
+    if robot is not None:
+        check_output(output, suffixes=(".csv",), inputs=inputs, force=force)
+        return _convert_log(source, robot, output, salvage=salvage, force=force)
+    check_output(output, suffixes=TRAJECTORY_SUFFIXES, inputs=inputs, force=force)
+    trajectory = read_trajectory(source)
+    write_trajectory(trajectory, output, force=force)
+    facts = [
+        ("poses", f"{len(trajectory)}, {seconds(trajectory.duration)}"),
+        ("rejected", counted(trajectory.rejected)),
+        ("trajectory", str(output)),
+    ]
+    print(*labelled(facts), sep="\n")
+    return ExitCode.FINE
+
+
+def _convert_log(source: Path, robot: Path, output: Path, *, salvage: bool, force: bool) -> ExitCode:
+    from trundle.adapters.log import read_log
+    from trundle.adapters.robot_yaml import load_robot
+    from trundle.adapters.wheel_log_csv import write_log
+
+    log = read_log(source, load_robot(robot), salvage=salvage)
+    write_log(log, output, force=force)
+    for warning in log.warnings:
+        print(f"trundle: warning: {warning}", file=sys.stderr)
+    facts = [
+        ("rows", f"{plural(len(log), 'sample')}, {seconds(log.duration)}, {log.reading.value}"),
+        ("wheels", ", ".join(log.wheel_names)),
+        ("rejected", counted(log.rejected)),
+        ("log", str(output)),
+    ]
+    print(*labelled(facts), sep="\n")
+    return ExitCode.PARTIAL if log.losses else ExitCode.FINE

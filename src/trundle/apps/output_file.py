@@ -1,0 +1,32 @@
+"""Where results may be written to, asked before the work is done."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from trundle.errors import InputError, OutputError
+
+__all__ = ["check_output"]
+
+
+def check_output(path: Path, *, suffixes: Sequence[str], inputs: Sequence[Path], force: bool) -> None:
+    """Refuse what could not be written in the end, or should not be.
+
+    Args:
+        path: Where a result shall stand.
+        suffixes: What its name may end in.
+        inputs: Files that it is made from.
+        force: Replace a file that exists.
+
+    Raises:
+        InputError: If the suffix is another one, or the file exists and `force` is not given.
+        OutputError: If its folder does not exist.
+    """
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f"{path}: an output here must end in one of {', '.join(suffixes)}")
+    if not path.parent.is_dir():
+        raise OutputError(f"{path}: there is no folder {path.parent}")
+    if path.exists() and not force:
+        same = any(one.exists() and path.samefile(one) for one in inputs)
+        raise InputError(f"{path}: {'is the input itself' if same else 'exists'}; --force replaces it")

@@ -1,0 +1,179 @@
+"""`trundle track`: a wheel log becomes a trajectory."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+
+from trundle.apps.exit_code import ExitCode
+from trundle.apps.output_file import check_output
+from trundle.apps.progress import Progress
+from trundle.apps.wording import angle, counted, digits, labelled, length, seconds
+
+if TYPE_CHECKING:
+    from trundle.evaluate import Comparison
+    from trundle.records import Trajectory, WheelLog
+    from trundle.robot import Robot
+
+__all__ = ["track"]
+
+_PICTURES = (".png", ".svg", ".pdf")
+
+Way = Literal["arc+", "arc", "midpoint", "euler", "symmetric"]
+
+
+def track(
+    log: Path,
+    /,
+    *,
+    robot: Path,
+    output: Annotated[Path, Parameter(alias="-o")],
+    plot: Path | None = None,
+    reference: Path | None = None,
+    integrator: Way = "arc+",
+    salvage: Annotated[bool, Parameter(alias="--allow-partial", negative="", show_default=False)] = False,
+    force: Annotated[bool, Parameter(negative="", show_default=False)] = False,
+) -> ExitCode:
+    """Integrate a wheel log into a trajectory, and say how it went.
+
+    Args:
+        log: CSV, Parquet, MCAP, rosbag2 (file or folder) or rosbag1.
+        robot: The robot's description (robot.yaml); its log: section says what the log's columns or topics
+            mean.
+        output: The trajectory: .tum (poses), .csv or .parquet (poses, twists, covariances).
+        plot: A picture as well: .png, .svg or .pdf.
+        reference: A trajectory to compare with, in place of the log's own reference.
+        integrator: How steps become a path.
+        salvage: Of a damaged recording, read what can be read (exit code 4).
+        force: Replace files that exist.
+    """
+    from trundle.adapters.log import read_log
+    from trundle.adapters.robot_yaml import load_robot
+    from trundle.adapters.trajectory import TRAJECTORY_SUFFIXES, read_trajectory, write_trajectory
+    from trundle.errors import InputError, LogError, MissingExtra
+    from trundle.odometry.integrate import integrate
+
+    inputs = [path for path in (log, robot, reference) if path is not None]
+    check_output(output, suffixes=TRAJECTORY_SUFFIXES, inputs=inputs, force=force)
+    if plot is not None:
+        check_output(plot, suffixes=_PICTURES, inputs=inputs, force=force)
+        if plot.absolute() == output.absolute():
+            raise InputError(f"{plot}: cannot be the trajectory and the picture at once")
+        if importlib.util.find_spec("matplotlib") is None:
+            raise MissingExtra("matplotlib", "plot")
+
+    described = load_robot(robot)
+    with Progress(4) as progress:
+        progress.step(f"reading {log.name}")
+        wheels = read_log(log, described, salvage=salvage)
+        truth = wheels.reference if reference is None else read_trajectory(reference)
+        progress.step(f"integrating {len(wheels)} samples")
+        trajectory = integrate(described, wheels, integrator=integrator)
+        if not len(trajectory):
+            raise LogError(log, "nothing", f"no sample was accepted: {counted(trajectory.rejected)}")
+        comparison, remarks = _compare(trajectory, truth, described)
+        progress.step(f"writing {output.name}")
+        write_trajectory(trajectory, output, force=force)
+        if plot is not None:
+            progress.step(f"drawing {plot.name}")
+            _draw(trajectory, wheels, truth, described, plot)
+
+    for warning in (*wheels.warnings, *remarks):
+        print(f"trundle: warning: {warning}", file=sys.stderr)
+    print(f"{described.name}: {log}")
+    print(*labelled(_summary(trajectory, comparison, output, plot)), sep="\n")
+    return ExitCode.PARTIAL if wheels.losses else ExitCode.FINE
+
+
+def _compare(
+    trajectory: Trajectory, truth: Trajectory | None, robot: Robot
+) -> tuple[Comparison | None, list[str]]:
+    """Errors against the reference, if any; and why they cannot be told."""
+    from trundle.errors import TrundleError
+    from trundle.evaluate import compare
+
+    if truth is None:
+        return None, []
+    try:
+        return compare(_at_tracked_point(trajectory, truth, robot), truth), []
+    except TrundleError as error:
+        return None, [f"the reference cannot be compared: {error}"]
+
+
+def _at_tracked_point(trajectory: Trajectory, truth: Trajectory, robot: Robot) -> Trajectory:
+    """The path of the point that the reference followed: without a heading it could not be moved itself."""
+    import numpy as np
+
+    from trundle.adapters.reference import TRACKED_POINT
+    from trundle.geometry import se2
+
+    if truth.child_frame != TRACKED_POINT or robot.log.reference is None:
+        return trajectory
+    poses = se2.compose(trajectory.poses, np.array(robot.log.reference.mounting))
+    return dataclasses.replace(trajectory, poses=poses, twists=None, covariances=None)
+
+
+def _draw(
+    trajectory: Trajectory, log: WheelLog, truth: Trajectory | None, robot: Robot, picture: Path
+) -> None:
+    from trundle.apps.plot import plot_trajectory, save_plot
+
+    figure = plot_trajectory(trajectory, log=log, robot=robot, reference=truth, title=robot.name)
+    save_plot(figure, picture)
+
+
+# --- the summary --------------------------------------------------------------------------------
+
+
+def _summary(
+    trajectory: Trajectory, comparison: Comparison | None, output: Path, plot: Path | None
+) -> list[tuple[str, str]]:
+    accepted, refused = len(trajectory), sum(trajectory.rejected.values())
+    duration = trajectory.duration
+    rate = f", {digits((accepted - 1) / duration)} Hz" if duration else ""
+    of = f" of {accepted + refused}" if refused else ""
+    end = trajectory.pose(-1)
+    x, y = (round(value, 3) + 0.0 for value in (end.x, end.y))  # no -0.000
+    heading = digits(math.degrees(math.remainder(end.theta, math.tau)))
+    return [
+        ("samples", f"{accepted}{of} accepted, {seconds(duration)}{rate}"),
+        ("rejected", counted(trajectory.rejected)),
+        ("events", counted(trajectory.events)),
+        ("distance", length(trajectory.distance)),
+        ("end", f"x {x:.3f} m, y {y:.3f} m, heading {heading} deg"),
+        ("1 sigma", _uncertainty(trajectory)),
+        *(_errors(comparison) if comparison else ()),
+        ("trajectory", str(output)),
+        ("picture", str(plot) if plot else ""),
+    ]
+
+
+def _uncertainty(trajectory: Trajectory) -> str:
+    """One standard deviation of the last pose, along the axes that it is given in."""
+    from trundle.odometry.covariance import in_odom_frame
+
+    if trajectory.covariances is None:
+        return ""
+    (xx, xy, xt), (_, yy, yt), (_, _, tt) = trajectory.covariances[-1].tolist()
+    variances = in_odom_frame((xx, xy, yy, xt, yt, tt), trajectory.pose(-1).theta)
+    x, y, theta = (math.sqrt(max(variances[k], 0.0)) for k in (0, 2, 5))
+    return f"x ±{length(x)}, y ±{length(y)}, heading ±{angle(theta)}"
+
+
+def _errors(comparison: Comparison) -> list[tuple[str, str]]:
+    overall = f"ATE {length(comparison.ate)}"
+    if comparison.heading is not None:
+        overall += f", heading {angle(comparison.heading.rmse)}"
+    span = f"over {length(comparison.reference_length)} in {seconds(comparison.overlap)}, aligned"
+    drift = []
+    if comparison.drift is not None:
+        drift.append(f"{digits(100 * comparison.drift)} % of the path")
+    if comparison.heading_drift is not None:
+        drift.append(f"{digits(math.degrees(comparison.heading_drift))} deg/m")
+    return [("error", f"{overall} (rms {span})"), ("drift", ", ".join(drift))]
