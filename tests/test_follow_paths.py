@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from trundle import PathError, Pose2D
+from trundle import InputError, PathError, Pose2D
 from trundle.follow import (
     CircularArc,
     Knot,
@@ -156,8 +156,10 @@ def test_path_beyond_its_ends_is_its_ends():
     path = s_shape()
     assert path.at(-1.0) == path.at(0.0)
     assert path.at(math.inf) == path.at(path.length)
-    with pytest.raises(ValueError, match="nan, must be a number"):
+    with pytest.raises(InputError, match="nan, must be a number"):
         path.at(math.nan)
+    with pytest.raises(InputError, match="must be finite"):
+        path.nearest(math.nan, 0.0)
 
 
 # ---------------------------------------------------------------------------- faults

@@ -426,6 +426,7 @@ def test_fault(check, kind):
 def test_what_cannot_be_followed_is_refused():
     with pytest.raises(PathError, match="facing"):
         PurePursuit(Path(COURSE, facing=(0.0, 1.0)), speed=1.0)
+    assert loop("pursuit").start(Pose2D(math.nan)) == loop("pursuit").start()
     for wrong in ({"speed": 0.0}, {"speed": 1.0, "lookahead": -1.0}, {"speed": 1.0, "lookahead_time": -1.0}):
         with pytest.raises(ConfigError):
             PurePursuit(Path(COURSE), **wrong)

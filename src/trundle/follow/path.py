@@ -191,7 +191,13 @@ class Path:
         )
 
     def nearest(self, x: float, y: float) -> float:
-        """The distance along the path [m] of the point of it that is nearest to (x, y)."""
+        """The distance along the path [m] of the point of it that is nearest to (x, y).
+
+        Raises:
+            InputError: If they are not finite.
+        """
+        if not math.isfinite(x + y):
+            raise InputError(f"nearest: ({x}, {y}), must be finite [m]")
 
         def away(distance: float) -> float:
             point = self.at(distance)

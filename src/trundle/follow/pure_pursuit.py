@@ -95,7 +95,9 @@ class PurePursuit:
 
     def start(self, pose: Pose2D | None = None) -> PursuitState:
         """The state at the beginning of the path; or where its first leg is nearest to a pose."""
-        return PursuitState() if pose is None else PursuitState(0, self.legs[0].nearest(pose.x, pose.y))
+        if pose is None or not math.isfinite(pose.x + pose.y):
+            return PursuitState()
+        return PursuitState(0, self.legs[0].nearest(pose.x, pose.y))
 
     def step(
         self, state: PursuitState, now_ns: int, pose: Pose2D | None, stamp_ns: int
