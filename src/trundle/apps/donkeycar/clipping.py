@@ -43,5 +43,5 @@ class Clipping:
     def _report(self, clipped: bool) -> None:
         """Remember whether the last result was clipped, and log where that begins."""
         if clipped and not self.clipped:
-            logging.getLogger(__name__).warning("%s: asked for more than can be done", type(self).__name__)
+            logging.getLogger(__name__).warning("%s: what was asked for cannot be done", type(self).__name__)
         self.clipped = clipped

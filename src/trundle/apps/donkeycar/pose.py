@@ -16,11 +16,11 @@ from trundle.errors import ConfigError, InputError
 from trundle.geometry import Twist2D
 
 __all__ = [
+    "METRE_PER_RADIAN",
     "Bicycle",
     "Pose2D",
     "Reading",
     "Unicycle",
-    "bicycle_drive",
     "limit_angle",
     "update_bicycle_front_wheel_pose",
 ]
@@ -247,7 +247,7 @@ class Bicycle(_PosePart):
     ) -> None:
         super().__init__(debug, parity)
         self.wheel_base = wheel_base
-        self._drive = bicycle_drive(wheel_base, reference)
+        self._drive = _bicycle_drive(wheel_base, reference)
 
     def run(self, forward_distance: object, steering_angle: object, timestamp: object = None) -> Reading:
         """Take a reading.
@@ -302,11 +302,11 @@ def update_bicycle_front_wheel_pose(
     at = (front_wheel.x, front_wheel.y, front_wheel.angle)
     if parity:
         return front_wheel if distance == 0 else front_wheel_pose(at, wheel_base, steering_angle, distance)
-    step = bicycle_drive(wheel_base).displacement((distance,), (steering_angle,))
+    step = _bicycle_drive(wheel_base).displacement((distance,), (steering_angle,))
     return _along(Twist2D(*step), at, 1.0, distance).pose
 
 
-def bicycle_drive(wheel_base: float, reference: str = "front") -> robot.Bicycle:
+def _bicycle_drive(wheel_base: float, reference: str = "front") -> robot.Bicycle:
     """The drive whose "front" or "rear" wheel rolls a metre per radian, and is the point reported.
 
     Raises:
