@@ -34,7 +34,11 @@ FLOORS = (
     {"estimation", "calibrate"},
     {"adapters"},
     {"apps"},
-    {"donkeycar", "trundle"},  # doors: a name to import by, and the face itself
+    {
+        "donkeycar",
+        "trundle",
+        "__main__",
+    },  # doors: a name to import by, the face itself, and `python -m trundle`
 )
 NOUNS = {"errors", "geometry", "records", "robot"}
 # What some rooms may see of the floors below them, where that is less than everything.
@@ -318,6 +322,9 @@ def test_command_line_loads_nothing_heavy_before_it_works():
 # --------------------------------------------------------------------------- names
 
 
+DOORS = {"__init__.py", "donkeycar.py"}  # they hand on what others define
+
+
 def names_defined(path: Path) -> tuple[set[str], set[str]]:
     """Names that a module makes for others, and those (constants, aliases) that it may keep to itself."""
     made: set[str] = set()
@@ -333,7 +340,7 @@ def names_defined(path: Path) -> tuple[set[str], set[str]]:
                 assigned |= {target.id for target in node.targets if isinstance(target, ast.Name)}
             case ast.AnnAssign(target=ast.Name(name)):
                 assigned.add(name)
-            case ast.ImportFrom() if path.name == "__init__.py" and (node.module or "").startswith("trundle"):
+            case ast.ImportFrom() if path.name in DOORS and (node.module or "").startswith("trundle"):
                 made |= {alias.asname or alias.name for alias in node.names}
     return {name for name in made if not name.startswith("_")}, assigned
 

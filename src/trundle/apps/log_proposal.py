@@ -184,17 +184,16 @@ def _is_angle(column: Column) -> bool:
 
 def _time_column(columns: Sequence[Column]) -> Column | None:
     """A column called time, else the first that only grows."""
-    growing = [column for column in columns if _grows(column)]
-    named = [column for column in growing if _TIME & set(column.words)]
-    return next(iter((*named, *growing)), None)
+    named = [column for column in columns if _TIME & set(column.words) and _grows(column, 0.8)]
+    return next(iter((*named, *(column for column in columns if _grows(column, 0.95)))), None)
 
 
-def _grows(column: Column) -> bool:
+def _grows(column: Column, part: float) -> bool:
+    """Whether it grows, and at most of its steps does not shrink."""
     assert column.values is not None
     steps = np.diff(column.values)
-    return bool(
-        np.mean(steps >= 0.0) > 0.95 and column.values[-1] > column.values[0] and np.median(steps) > 0.0
-    )
+    grown = bool(column.values[-1] > column.values[0] and np.median(steps) > 0.0)
+    return grown and bool(np.mean(steps >= 0.0) > part)
 
 
 def time_unit(column: Column) -> str:
@@ -413,4 +412,10 @@ def _flow(value: Any) -> str:
         return "[" + ", ".join(map(_flow, value)) + "]"
     if isinstance(value, str) and _PLAIN.fullmatch(value) and value.lower() not in _NOT_TEXT:
         return value
-    return json.dumps(value)
+    return _quoted(value) if isinstance(value, str) else json.dumps(value)
+
+
+def _quoted(text: str) -> str:
+    """YAML's double quotes know more of Unicode than JSON's."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'
