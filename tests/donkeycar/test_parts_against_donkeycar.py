@@ -16,6 +16,8 @@ import trundle.donkeycar as ours
 with pytest.MonkeyPatch.context() as patch:
     patch.setattr("builtins.print", lambda *_, **__: None)  # donkeycar greets whoever imports it
     theirs = pytest.importorskip("donkeycar.parts.kinematics", reason="donkeycar lives in .envs/donkeycar")
+    from donkeycar.parts.path import CTE
+    from donkeycar.parts.transform import PIDController
 
 anything = st.floats(allow_nan=False, allow_infinity=False) | st.floats(-10.0, 10.0)
 length = st.floats(0.01, 10.0)
@@ -226,3 +228,7 @@ def test_faults_are_still_there():
 
     assert theirs.InverseUnicycle(0.2, 0.03, 0.1, 3.0).run(9.0, 0.0, 1.0)[0] == 9.0  # D6
     assert theirs.NormalizeSteeringAngle(math.pi / 4).run(2.0) < -2.5  # D7
+
+    error, _ = CTE().run([(0.1 * k, 0.0) for k in range(50)], 2.0, 0.1)
+    assert error == pytest.approx(-0.1)  # left of the path, so that the template's gain steers further left
+    assert PIDController(p=-0.5).run(error) < 0.0
