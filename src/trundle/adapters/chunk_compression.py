@@ -13,6 +13,7 @@ from trundle.errors import LogCorrupt, LogLimit, LogTruncated
 
 __all__ = [
     "ZSTD_MAGIC",
+    "compress",
     "decompress",
     "decompress_file",
     "decompress_frame",
@@ -53,6 +54,18 @@ def require_total_growth(source: object, sizes: Iterable[int], file_size: int) -
     total, most = sum(sizes), max(MOST_IN_TOTAL, MOST_TOTAL_RATIO * file_size)
     if total > most:
         raise LogLimit(source, "limit", f"would grow to {total >> 20} MiB; allowed are {most >> 20} MiB")
+
+
+def compress(content: bytes, compression: str) -> bytes:
+    """The bytes of a chunk.
+
+    Args:
+        content: What they grow to.
+        compression: `zstd`.
+    """
+    assert compression == "zstd"  # the only one that we write
+    stored: bytes = _zstd().compress(content)
+    return stored
 
 
 def decompress(stored: Any, compression: str, size: int, *, is_cut: bool = False) -> bytes:
@@ -122,10 +135,14 @@ def decompress_file(path: Path, target: Path) -> None:
 
 def _decompressor(compression: str) -> tuple[Any, tuple[type[Exception], ...]]:
     if compression == "zstd":
-        zstd = import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")
+        zstd = _zstd()
         return zstd.ZstdDecompressor(), (zstd.ZstdError, EOFError)
     if compression == "lz4":
         return import_module("lz4.frame").LZ4FrameDecompressor(), (RuntimeError, EOFError)
     if compression == "bz2":
         return import_module("bz2").BZ2Decompressor(), (OSError, ValueError, EOFError)
     raise Damage(f"is compressed as {compression!r}; known are zstd, lz4 and bz2")
+
+
+def _zstd() -> Any:
+    return import_module("compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd")

@@ -38,6 +38,7 @@ _POSE = {
     "geometry_msgs/msg/Point": ("", None),
     "geometry_msgs/msg/PointStamped": ("point.", None),
     "nav_msgs/msg/Odometry": ("pose.pose.position.", "pose.pose.orientation."),
+    "foxglove_msgs/msg/PoseInFrame": ("pose.position.", "pose.orientation."),
     "struct:Pose3d": ("translation.", "rotation.q."),
     "struct:Translation2d": ("", None),
 }

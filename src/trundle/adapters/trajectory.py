@@ -78,6 +78,12 @@ def _write_parquet(trajectory: Trajectory, path: Path) -> None:
     write_trajectory_parquet(trajectory, path)
 
 
+def _write_mcap(trajectory: Trajectory, path: Path) -> None:
+    from trundle.adapters.mcap_trajectory import write_mcap
+
+    write_mcap(trajectory, path)
+
+
 def _write_wpilog(trajectory: Trajectory, path: Path) -> None:
     from trundle.adapters.wpilog_trajectory import write_wpilog
 
@@ -96,6 +102,12 @@ def _read_table(path: Path) -> Trajectory:
     return read_trajectory_table(path)
 
 
+def _read_mcap(path: Path) -> Trajectory:
+    from trundle.adapters.mcap_trajectory import read_mcap_trajectory
+
+    return read_mcap_trajectory(path)
+
+
 def _read_wpilog(path: Path) -> Trajectory:
     from trundle.adapters.wpilog_trajectory import read_wpilog_trajectory
 
@@ -107,12 +119,14 @@ _WRITERS: dict[str, Callable[[Trajectory, Path], None]] = {
     ".tum": _write_tum,
     ".csv": _write_csv,
     ".parquet": _write_parquet,
+    ".mcap": _write_mcap,
     ".wpilog": _write_wpilog,
 }
 _READERS: dict[str, Callable[[Path], Trajectory]] = {
     ".tum": _read_tum,
     ".csv": _read_table,
     ".parquet": _read_table,
+    ".mcap": _read_mcap,
     ".wpilog": _read_wpilog,
 }
 
