@@ -7,7 +7,7 @@ go through arrays, every other row through `update` itself, and the state is pas
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +18,7 @@ from array_api_compat import numpy as standard  # the array API, on NumPy 1.26 t
 
 from trundle.errors import InputError, LogSchema, ShapeError, Unobservable, did_you_mean
 from trundle.geometry import Pose2D
-from trundle.odometry import path
+from trundle.odometry import compiled, path
 from trundle.odometry.covariance import ZERO, Six, weighted_sum
 from trundle.odometry.encoder_counts import count_differences
 from trundle.odometry.error_model import ErrorModel
@@ -351,7 +351,7 @@ def integrate_batch(
     """Poses from wheel positions, for many robots at once, on any array library; nothing is checked.
 
     Differentiable where the library is, in the positions and in the numbers that the drive was made
-    with.
+    with. Much NumPy input goes through Numba where that is installed (extra `fast`): see `compiled`.
 
     Args:
         drive: The drive of all of them.
@@ -366,13 +366,14 @@ def integrate_batch(
 
     Raises:
         ShapeError: If shapes do not fit.
+        InputError: If `out` is not an array of floats, or positions are no NumPy array.
         Unobservable: If at some steering angles the motion cannot be observed.
     """
     xp = array_namespace(positions)
     way = Integrator.named(integrator)
     drive.check_batch(positions, steering)
     if is_numpy_array(positions):
-        return _in_blocks(drive, positions, time_ns, steering, way, out)
+        return _on_numpy(drive, positions, time_ns, steering, way, out)
     if out is not None:
         raise InputError("integrate_batch: out= is for NumPy arrays")
     x, y, theta, _ = _walk(xp, drive, positions, time_ns, steering, way)
@@ -392,12 +393,7 @@ def _walk(
     before: Sequence[Any] | None = None,
 ) -> tuple[Array, Array, Array, Sequence[Array] | None]:
     """Poses after each step, and of the last step what the next one needs."""
-    turned = [positions[..., 1:, k] - positions[..., :-1, k] for k in range(positions.shape[-1])]
-    angles = [] if steering is None else [steering[..., k] for k in range(steering.shape[-1])]
-    if len(angles) != len(drive.steered_names):
-        angles = list(drive.expand_steering(angles, xp))
-    middle = [_midway(angle[..., :-1], angle[..., 1:], xp) for angle in angles]
-    step = drive.displacement(turned, middle, None, xp)
+    step = _steps(xp, drive, positions, steering)
     elapsed = None
     if time_ns is not None:
         elapsed = xp.astype(time_ns[1:] - time_ns[:-1], step[0].dtype)
@@ -408,7 +404,17 @@ def _walk(
     return (*path.poses(xp, step, way, start), last)
 
 
-def _in_blocks(
+def _steps(xp: Any, drive: Kinematics, positions: Array, steering: Array | None) -> Sequence[Array]:
+    """Body displacements (x, y, theta) between the rows."""
+    turned = [positions[..., 1:, k] - positions[..., :-1, k] for k in range(positions.shape[-1])]
+    angles = [] if steering is None else [steering[..., k] for k in range(steering.shape[-1])]
+    if len(angles) != len(drive.steered_names):
+        angles = list(drive.expand_steering(angles, xp))
+    middle = [_midway(angle[..., :-1], angle[..., 1:], xp) for angle in angles]
+    return drive.displacement(turned, middle, None, xp)
+
+
+def _on_numpy(
     drive: Kinematics,
     positions: Floats,
     time_ns: Array | None,
@@ -416,31 +422,92 @@ def _in_blocks(
     way: Integrator,
     out: Floats | None,
 ) -> Floats:
-    """As many rows at a time as fit into the cache with all that they take; the state is passed on."""
     shape = (*positions.shape[:-1], 3)
     if out is None:
         out = np.empty(shape)
+    elif not is_numpy_array(out) or out.dtype.kind != "f":
+        raise InputError("integrate_batch: out= must be a NumPy array of floats")
     elif out.shape != shape:
         raise ShapeError(f"out: shape {out.shape}, must be {shape}")
     steps, robots = shape[-2], math.prod(shape[:-2])
     flat, poses = positions.reshape(robots, steps, -1), out.reshape(robots, steps, 3)
     angles = None if steering is None else steering.reshape(robots, steps, -1)
-    # The symmetric correction looks ahead, so its steps stay together.
-    span = steps if way is Integrator.SYMMETRIC else 2 * BLOCK
+    if _may_be_compiled(flat, poses, way):
+        _compiled(drive, flat, time_ns, angles, way, poses)
+    else:
+        _in_blocks(drive, flat, time_ns, angles, way, poses)
+    if not np.may_share_memory(out, poses):  # it could not be reshaped in place
+        out[...] = poses.reshape(shape)
+    return out
+
+
+def _blocks(robots: int, steps: int, span: int) -> Iterator[tuple[slice, list[slice]]]:
+    """Groups of robots, and the rows to take at a time: what their arrays take fits into the cache.
+
+    Blocks of rows share their end points.
+    """
     size = max(1, 2 * BLOCK // max(min(steps, span), 1))
+    rows = [slice(row, min(row + span, steps - 1) + 1) for row in range(0, steps - 1, span)]
     for first in range(0, robots, size):
-        group = slice(first, first + size)
-        poses[group, :1] = 0.0
-        start, before = (0.0, 0.0, 0.0), None
-        for row in range(0, steps - 1, span):
-            rows = slice(row, min(row + span, steps - 1) + 1)
+        yield slice(first, first + size), rows
+
+
+def _in_blocks(
+    drive: Kinematics,
+    positions: Floats,
+    time_ns: Array | None,
+    steering: Floats | None,
+    way: Integrator,
+    poses: Floats,
+) -> None:
+    """The walk by arrays; the state is passed on from block to block."""
+    robots, steps, _ = positions.shape
+    # The symmetric correction looks ahead, so its steps stay together.
+    span = max(steps, 1) if way is Integrator.SYMMETRIC else 2 * BLOCK
+    poses[:, :1] = 0.0
+    for group, blocks in _blocks(robots, steps, span):
+        start: Sequence[Any] = (0.0, 0.0, 0.0)
+        before = None
+        for rows in blocks:
             times = None if time_ns is None else time_ns[rows]
-            turned = None if angles is None else angles[group, rows]
-            *columns, before = _walk(np, drive, flat[group, rows], times, turned, way, start, before)
+            angles = None if steering is None else steering[group, rows]
+            *columns, before = _walk(np, drive, positions[group, rows], times, angles, way, start, before)
             for k, part in enumerate(columns):
                 poses[group, rows.start + 1 : rows.stop, k] = part
             start = tuple(part[:, -1:] for part in columns)
-    return out
+
+
+def _may_be_compiled(positions: Floats, poses: Floats, way: Integrator) -> bool:
+    return (
+        math.prod(positions.shape[:2]) >= compiled.FEWEST
+        and way is not Integrator.SYMMETRIC
+        and positions.dtype == poses.dtype == np.float64
+        and poses.flags.c_contiguous
+        and compiled.available()
+    )
+
+
+def _compiled(
+    drive: Kinematics,
+    positions: Floats,
+    time_ns: Array | None,
+    steering: Floats | None,
+    way: Integrator,
+    poses: Floats,
+) -> None:
+    """The walk by Numba: from the wheels where one matrix serves for all steps, else from the body."""
+    if not drive.steered_names and not drive.gyro:
+        compiled.walk(list(zip(*drive.jacobian(), strict=True)), positions, time_ns, way, poses)
+        return
+    robots, steps, _ = positions.shape
+    body = np.zeros((robots, steps, 3))
+    for group, blocks in _blocks(robots, steps, 2 * BLOCK):
+        for rows in blocks:
+            angles = None if steering is None else steering[group, rows]
+            for k, part in enumerate(_steps(np, drive, positions[group, rows], angles)):
+                column = body[group, rows, k]
+                column[:, 1:] = column[:, :1] + np.cumsum(part, axis=-1)
+    compiled.walk(np.eye(3).tolist(), body, time_ns, way, poses)
 
 
 def _last(six: Six, shape: tuple[int, ...]) -> Six:
