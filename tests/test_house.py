@@ -49,6 +49,7 @@ EDGE = {"adapters", "apps", "donkeycar", "trundle"}
 # Rows of FAULTS.md that the issues closed so far have promised, and how many rows each of its chapters has.
 FAULT_ROWS = {
     2: "C1 C2 C3 C4 C5 C6 C7 C8 C9 C10  S1 S2 S3 S4 S5 S6 S9 S10 S17 S18  L1 L7 L8 L9 L10 L11  X2 X3 X4",
+    3: "K1 K2 K3 K4 K5 K6 K7 K8 K9 K10 K11 K13 K14 K15",
 }
 FAULT_CHAPTERS = {"C": 12, "S": 26, "L": 19, "K": 15, "B": 8, "W": 10, "R": 6, "D": 5, "X": 5}
 

@@ -20,7 +20,6 @@ from types import FrameType
 from cyclopts import App, CycloptsError
 from cyclopts.exceptions import MissingArgumentError, UnusedCliTokensError
 
-from trundle import __version__
 from trundle.apps.exit_code import ExitCode, exit_code_of
 from trundle.errors import TrundleError
 
@@ -70,13 +69,19 @@ def _app() -> App:
         help="Drive kinematics and wheel odometry for wheeled robots.",
         help_epilogue="--debug, anywhere, shows where an error came from.",
         help_format="plaintext",
-        version=__version__,
+        version=_version,
         result_action="return_value",
         suppress_keyboard_interrupt=False,
     )
     for order, (name, (home, words)) in enumerate(_VERBS.items()):
         app.command(home, name=name, help=words, sort_key=order)
     return app
+
+
+def _version() -> str:
+    from importlib.metadata import version
+
+    return version("trundle")
 
 
 def _report(error: BaseException, *, debug: bool) -> int:
