@@ -53,7 +53,7 @@ environments: $(ENVIRONMENTS)
 demo: .venv/demo
 	@mkdir -p out
 	.venv/bin/trundle track examples/differential/run.csv --robot examples/differential/robot.yaml \
-		--output out/run.tum --plot out/run.png
+		--output out/run.tum --plot out/run.png --force
 	@echo "The trajectory is in out/run.tum, the picture in out/run.png."
 
 # Environments are made side by side. The checks then run one after the other, all of them even where one fails.

@@ -182,6 +182,16 @@ def test_what_is_no_log(capsys, tmp_path, content, words):
     assert said.out == ""
 
 
+def test_data_logs_and_tubs(capsys, shared_data):
+    assert main(["info", str(next((shared_data / "frc_swerve").glob("*.wpilog")))]) == 0
+    out = capsys.readouterr().out
+    assert "NT:/SmartDashboard/Module 1/Steer Degrees" in out
+    assert parse_yaml(described(out).encode(), "").data["log"] == {}
+    assert main(["info", str(shared_data / "donkeycar_tub")]) == 0
+    section = parse_yaml(described(capsys.readouterr().out).encode(), "").data["log"]
+    assert section == {"time": {"column": "_timestamp_ms", "unit": "ms"}}
+
+
 # --- guesses ------------------------------------------------------------------------------------
 
 
@@ -378,6 +388,8 @@ def test_dialects(tmp_path, text, wanted):
         (seconds(599.96), "10 min 0 s"),
         (seconds(3725.0), "62 min 5 s"),
         (seconds(0.0), "0 s"),
+        (seconds(9000.0), "2.50 h"),
+        (seconds(1e6), "11.6 days"),
         (size(1), "1 byte"),
         (size(999), "999 bytes"),
         (size(94_200), "94.2 kB"),

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from trundle.adapters.bag import BagReader
     from trundle.adapters.table import Table
+    from trundle.adapters.wpilog import WpilogFile
     from trundle.apps.log_proposal import Column, Proposal, Topic
     from trundle.robot import Robot
 
@@ -25,6 +26,7 @@ __all__ = ["info"]
 
 _SKEW = 0.1  # [s]: stamps and receipt that agree less are worth a line
 _OTHER_CLOCK = 86400.0  # [s]: what is off by more than a day does not tell the time of day at all
+_LONGEST_TYPE = 45
 _MEASURING = ("sensor_msgs", "nav_msgs", "geometry_msgs", "vesc_msgs")
 
 
@@ -32,23 +34,20 @@ def info(log: Path, /, *, robot: Path | None = None) -> ExitCode:
     """Say what a log holds, and propose a log: section for robot.yaml.
 
     Args:
-        log: CSV or another text table, Parquet, MCAP, rosbag2 (file or folder) or rosbag1.
+        log: CSV or another text table, Parquet, MCAP, rosbag2 (file or folder), rosbag1, WPILOG or a
+            donkeycar tub.
         robot: A robot's description: the section is then written for its wheels, and its own is tried.
     """
     from trundle.adapters.content import Content, content_of
     from trundle.adapters.robot_yaml import load_robot
-    from trundle.errors import LogError
 
     described = None if robot is None else load_robot(robot)
     content = content_of(log)
     with Progress(1) as progress:
         progress.step(f"reading {log.name}")
-        if content in (Content.TEXT, Content.PARQUET):
-            report: _TableReport | _BagReport = _TableReport(log, content, described)
-        elif content in (Content.MCAP, Content.ROSBAG1, Content.ROSBAG2):
-            report = _BagReport(log, content, described)
-        else:
-            raise LogError(log, "format", f"is {content.value}, which cannot be read as a log yet")
+        tables = (Content.TEXT, Content.PARQUET, Content.TUB)
+        kind = _TableReport if content in tables else _BagReport
+        report = kind(log, content, described)
         tried = [] if described is None else _tried(log, described)
     for warning in report.warnings:
         print(f"trundle: warning: {warning}", file=sys.stderr)
@@ -126,6 +125,7 @@ class _TableReport:
     def __init__(self, log: Path, content: Any, robot: Robot | None) -> None:
         from trundle.adapters.content import Content
         from trundle.adapters.table import open_table
+        from trundle.adapters.tub import Tub
         from trundle.apps.dialect import seeming_format
         from trundle.apps.log_proposal import propose_for_table
         from trundle.errors import LogError
@@ -134,7 +134,7 @@ class _TableReport:
         self.warnings: list[str] = []
         self.losses: list[str] = []
         written = seeming_format(log) if content is Content.TEXT else TableFormat()
-        columns = _columns(open_table(log, written))
+        columns = _columns(Tub(log) if content is Content.TUB else open_table(log, written))
         if all(column.values is None for column in columns):
             raise LogError(log, "format", "is text, but no column of it holds numbers")
         measuring = None if robot is None else robot.measuring
@@ -200,10 +200,13 @@ class _BagReport:
 
     def __init__(self, log: Path, content: Any, robot: Robot | None) -> None:
         from trundle.adapters.bag import open_bag
+        from trundle.adapters.content import Content
+        from trundle.adapters.wpilog import open_wpilog
         from trundle.apps.log_proposal import propose_for_topics
 
         self.clocks: list[str] = []
-        with open_bag(log, salvage=True) as bag:
+        opened = open_wpilog if content is Content.WPILOG else open_bag
+        with opened(log, salvage=True) as bag:
             rows, topics = [("count", "rate", "longest gap", "topic", "type")], []
             for name in sorted(bag.topics):
                 row, topic = self._topic(bag, name)
@@ -224,7 +227,7 @@ class _BagReport:
         joints = [f"  joints of {t.name}: {', '.join(t.joints)}" for t in topics if t.joints]
         self.lines += ["", *joints, *self.clocks] if joints or self.clocks else []
 
-    def _topic(self, bag: BagReader, name: str) -> tuple[tuple[str, str, str, str, str], Topic]:
+    def _topic(self, bag: BagReader | WpilogFile, name: str) -> tuple[tuple[str, str, str, str, str], Topic]:
         import numpy as np
 
         from trundle.apps.log_proposal import Topic
@@ -237,8 +240,10 @@ class _BagReport:
         try:
             fields = ["name", "position", "velocity"] if found.type.endswith("/JointState") else []
             columns = bag.read(name, fields)
-        except TrundleError as error:
-            self.clocks.append(f"  {name} cannot be decoded: {error}")
+        except TrundleError:  # of a type that holds no numbers
+            if found.count > 1 and found.first_ns is not None and found.last_ns is not None:
+                duration = max(found.last_ns - found.first_ns, 1) * 1e-9
+                rate = f"{digits((found.count - 1) / duration)} Hz"
         else:
             steps = np.diff(columns.receive_ns) * 1e-9
             if (steps > 0.0).any():
@@ -251,6 +256,7 @@ class _BagReport:
             if fields:
                 joints = _joints(columns.columns)
         short = found.type.replace("/msg/", "/")
+        short = short if len(short) <= _LONGEST_TYPE else f"{short[: _LONGEST_TYPE - 3]}..."
         row = (str(found.count), rate, gap, name, short)
         return row, Topic(name, found.type, found.count, joints, offset)
 

@@ -14,7 +14,15 @@ import numpy.typing as npt
 from trundle.apps.wheel_word import matched, wheel_meant, words_of
 from trundle.robot.log_mapping import TableFormat, Unit
 
-__all__ = ["Column", "Proposal", "Topic", "propose_for_table", "propose_for_topics", "section_text"]
+__all__ = [
+    "Column",
+    "Proposal",
+    "Topic",
+    "propose_for_table",
+    "propose_for_topics",
+    "section_text",
+    "time_unit",
+]
 
 Name: TypeAlias = str | int
 Floats: TypeAlias = npt.NDArray[np.float64]
@@ -316,12 +324,14 @@ _POSES = (
     "geometry_msgs/msg/Pose2D",
     "geometry_msgs/msg/PointStamped",
     "geometry_msgs/msg/TransformStamped",
+    "struct:Pose2d",
 )
 _TWISTS = (
     "nav_msgs/msg/Odometry",
     "geometry_msgs/msg/TwistWithCovarianceStamped",
     "geometry_msgs/msg/TwistStamped",
     "geometry_msgs/msg/Twist",
+    "struct:ChassisSpeeds",
 )
 _FAR_APART = 0.5  # [s]: topics whose clocks differ by so much must be put together by receipt
 

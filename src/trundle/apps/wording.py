@@ -33,7 +33,10 @@ def angle(radians: float) -> str:
 
 
 def seconds(duration: float) -> str:
-    """A duration in ms, s, or min and s."""
+    """A duration in ms, s, min and s, h, or days."""
+    for unit, factor in (("days", 86400.0), ("h", 3600.0)):
+        if abs(duration) >= 2.0 * factor:
+            return f"{digits(duration / factor)} {unit}"
     if abs(duration) >= 599.95:
         minutes, rest = divmod(round(duration), 60)
         return f"{minutes} min {rest} s"
