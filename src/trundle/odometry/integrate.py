@@ -22,7 +22,10 @@ from trundle.odometry import compiled, path
 from trundle.odometry.covariance import ZERO, Six, weighted_sum
 from trundle.odometry.encoder_counts import count_differences
 from trundle.odometry.error_model import ErrorModel
+from trundle.odometry.frozen_wheels import FROZEN_AFTER
 from trundle.odometry.integrator import Integrator, mean_rate
+from trundle.odometry.slip import SlipMonitor
+from trundle.odometry.slip_scan import Scan, scan_for_slip
 from trundle.odometry.wheel_odometry import CLOCK_RESOLUTION_NS, Drift, Memory, WheelOdometry
 from trundle.records import Reading, Trajectory, WheelLog
 from trundle.robot import Kinematics, Robot, TrackingWheels
@@ -147,7 +150,26 @@ class _Rows:
                         half_range = abs(encoder.radians_per_tick) * 2.0 ** (encoder.bits - 1)
                         good[1:] &= np.abs(self.turned(k, rows, odometry)) < half_range
                         good[1:] &= odometry.plausible.declared[k] * seconds < half_range
+            turned = [self.turned(k, rows, odometry) for k in range(len(self.wheels))]
+        self._leave_standing(odometry, turned, seconds, good)
         return good
+
+    def _leave_standing(
+        self, odometry: WheelOdometry, turned: Sequence[Floats], seconds: Floats, good: npt.NDArray[np.bool_]
+    ) -> None:
+        """Rows of a robot or of a wheel that stands are for `update`, which learns from them."""
+        sound, standing = good[1:].copy(), np.zeros(len(seconds), dtype=bool)
+        standstill = odometry.standstill
+        if standstill is not None and self.yaw_rate is not None:
+            standing |= np.all(
+                [np.abs(way) <= tick for way, tick in zip(turned, standstill.ticks, strict=True)], axis=0
+            )
+            standing[1:] |= standing[:-1].copy()  # the step that ends it as well
+        if odometry.frozen is not None and odometry.frozen.redundant:
+            moving = np.any([way != 0.0 for way in turned], axis=0) | ~sound
+            for way in turned:
+                standing |= _long_runs((way == 0.0) | ~sound, seconds) & moving
+        good[1:] &= ~standing
 
     def _sound(self, odometry: WheelOdometry) -> npt.NDArray[np.bool_]:
         """Whether every number of a row is finite, and every steering angle possible."""
@@ -182,12 +204,12 @@ class _Fold:
         ends = np.append(np.flatnonzero(~plain), count)
         row, in_step = 0, False
         while row < count:
-            if in_step and plain[row]:
+            if in_step and plain[row] and not odometry.stuck:
                 stop = int(ends[np.searchsorted(ends, row)])
                 if self.integrator is not Integrator.SYMMETRIC:
                     stop = min(stop, row + BLOCK)
-                if self._block(slice(row, stop)):
-                    row = stop
+                if done := self._block(slice(row, stop)):
+                    row += done
                     continue
             in_step = self._single(row)
             row += 1
@@ -211,24 +233,28 @@ class _Fold:
                 self.upper[at] = state.upper
         return state.accepted
 
-    def _block(self, rows: slice) -> bool:
-        """Fold a run of plain rows as arrays; False if their motion cannot be observed."""
+    def _block(self, rows: slice) -> int:
+        """Fold a run of plain rows as arrays, up to what only `update` can judge; returns how many."""
         odometry, data = self.odometry, self.rows
         drive, memory = odometry.drive, odometry.memory
         seconds = data.seconds(rows)
+        bias = 0.0 if odometry.standstill is None else odometry.standstill.bias
         turned = self._turned(rows, seconds)
         before = slice(rows.start - 1, rows.stop - 1)
         middle = [_midway(column[before], column[rows]) for column in data.steering]
         turn = None
         if data.yaw_rate is not None:
-            turn = self._swept(data.yaw_rate, rows, seconds, memory.earlier_yaw_rate)
-        elif drive.gyro and not drive.observable_without_gyro:
-            return False
+            turn = self._swept(data.yaw_rate, rows, seconds, memory.earlier_yaw_rate) - bias * seconds
         try:
             step = drive.displacement(turned, middle, turn, np)
-        except Unobservable:
-            return False
+        except (Unobservable, InputError):  # the latter where it takes a gyro
+            return 0
         step = [np.broadcast_to(part, seconds.shape) for part in step]
+        if odometry.slip is not None:
+            scan = self._scan(odometry.slip, turned, middle, turn, seconds, step)
+            if scan.alarm is not None:
+                return self._block(slice(rows.start, rows.start + scan.alarm)) if scan.alarm else 0
+            scan.hand_over(odometry.slip)
 
         raw = step
         previous = None
@@ -243,7 +269,7 @@ class _Fold:
             self.poses[out, k] = column
         if data.reading is Reading.VELOCITY:
             speeds = [column[rows] for column in data.wheels]
-            rate = None if data.yaw_rate is None else data.yaw_rate[rows]
+            rate = None if data.yaw_rate is None else data.yaw_rate[rows] - bias
             twist = drive.displacement(speeds, [column[rows] for column in data.steering], rate, np)
         else:
             twist = [part / seconds for part in raw]
@@ -272,7 +298,24 @@ class _Fold:
                 drifts=drifts,
             ),
         )
-        return True
+        return len(seconds)
+
+    def _scan(
+        self,
+        monitor: SlipMonitor,
+        turned: Sequence[Floats],
+        middle: Sequence[Floats],
+        turn: Floats | None,
+        seconds: Floats,
+        step: Sequence[Floats],
+    ) -> Scan:
+        if (turn is not None) is not monitor.gyro:
+            monitor.gyro = turn is not None
+            monitor.restart()
+        standstill = self.odometry.standstill
+        doubt = 0.0 if standstill is None else standstill.doubt
+        parts = monitor.parts(turned, middle, turn, seconds, step, np)
+        return scan_for_slip(monitor, parts, len(seconds), doubt)
 
     def _turned(self, rows: slice, seconds: Floats) -> list[Floats]:
         """What each wheel turned [rad] in each of the rows, as `update` sees it."""
@@ -525,6 +568,18 @@ def _pick(
             raise LogSchema(source or "log", what, f"no {what} {name!r}; {did_you_mean(name, names)}")
         chosen.append(columns[:, list(names).index(name)])
     return chosen
+
+
+def _long_runs(flags: npt.NDArray[np.bool_], seconds: Floats) -> npt.NDArray[np.bool_]:
+    """The flags of runs that may last long enough to make a wheel suspect, and the step after each."""
+    edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))
+    starts, ends = edges[::2], edges[1::2]
+    clock = np.concatenate([[0.0], np.cumsum(np.abs(seconds))])
+    lasting = clock[ends] - clock[starts] > 0.9 * FROZEN_AFTER
+    marks = np.zeros(len(flags) + 2, dtype=np.int64)
+    np.add.at(marks, starts[lasting], 1)
+    np.add.at(marks, ends[lasting] + 1, -1)
+    return np.cumsum(marks)[: len(flags)] > 0
 
 
 def _midway(then: Array, now: Array, xp: Any = np) -> Array:

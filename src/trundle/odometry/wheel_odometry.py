@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from math import cos, hypot, isfinite, remainder, sin, tau
 from operator import sub
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -29,10 +29,14 @@ from trundle.odometry.covariance import (
 )
 from trundle.odometry.encoder_counts import count_difference, whole_count
 from trundle.odometry.error_model import ErrorModel
+from trundle.odometry.frozen_wheels import FrozenWheels
 from trundle.odometry.integrator import Integrator, mean_rate
 from trundle.odometry.plausibility import Plausibility
+from trundle.odometry.slip import slip_monitor
+from trundle.odometry.standstill import Standstill
 from trundle.records import Reading
-from trundle.robot import Encoder, Kinematics, Robot
+from trundle.robot import Encoder, Kinematics, Robot, WheelCommand
+from trundle.robot.solver import Gains
 
 __all__ = ["CLOCK_RESOLUTION_NS", "Drift", "Memory", "OdometryState", "WheelOdometry"]
 
@@ -118,7 +122,7 @@ class WheelOdometry:
         integrator: "arc+", "arc", "midpoint" or "euler".
         pose: Where the robot is at the first sample.
         covariance: Whether to carry the covariance; without it an update takes a fraction of the
-            time and the covariance stays zero.
+            time, the covariance stays zero, and nobody watches for slip and stuck wheels.
         max_gap: Longest step that still counts as one motion [s].
 
     Attributes:
@@ -126,8 +130,11 @@ class WheelOdometry:
         drive: The wheels that measure.
         accepted: Samples that counted.
         rejected: The others, by reason.
-        events: What happened on the way (gap, rebaseline, clock_reset, ...), by name.
+        events: What happened on the way (gap, rebaseline, clock_reset, slip, stuck_wheel, ...), by name.
         state: The state after the last sample.
+        standstill: Knows the gyro's bias; None without a gyro.
+        slip: Watches whether the wheels contradict each other; None where they cannot.
+        frozen: Watches for encoders that stand still.
 
     Raises:
         ConfigError: If the integrator is unknown, or `max_gap` not above zero.
@@ -138,10 +145,12 @@ class WheelOdometry:
         "_before_ns",
         "_bounded",
         "_chord",
+        "_chosen",
         "_commutes",
         "_count",
         "_covariance",
         "_displacement",
+        "_drift_count",
         "_drifts",
         "_earlier",
         "_earlier_yaw_rate",
@@ -156,11 +165,14 @@ class WheelOdometry:
         "_needs_gyro",
         "_quantum",
         "_reading",
+        "_special",
         "_steered",
         "_steering",
         "_steps",
         "_strikes",
+        "_stuck",
         "_surely",
+        "_suspects",
         "_theta",
         "_time_ns",
         "_toward",
@@ -174,11 +186,14 @@ class WheelOdometry:
         "encoders",
         "errors",
         "events",
+        "frozen",
         "integrator",
         "max_gap_ns",
         "plausible",
         "rejected",
         "robot",
+        "slip",
+        "standstill",
         "state",
     )
 
@@ -201,6 +216,14 @@ class WheelOdometry:
         self._lead = 0.0 if self.integrator is Integrator.EULER else 0.5
         self.max_gap_ns = round(require_positive("max_gap", max_gap) * 1e9)
         self.errors = ErrorModel(self.drive, self.robot.noise, self.robot.encoders) if covariance else None
+        self._drift_count = 0 if self.errors is None else self.errors.drifts
+        angles, lengths = _tick_sizes(self.robot)
+        self.slip = slip_monitor(self.drive, self.robot.noise, lengths) if covariance else None
+        self.frozen = FrozenWheels(self.drive, self.robot.noise, lengths) if covariance else None
+        self.standstill = Standstill(angles, self.robot.noise.gyro) if self.drive.gyro else None
+        self._stuck: tuple[int, ...] = ()
+        self._suspects = False
+        self._chosen: list[int] | None = None
         self.plausible = Plausibility(self.robot)
         self._surely = min(rate for rate, _ in self.plausible.bounds)
         self._count = len(self.drive.measured_names)
@@ -211,7 +234,7 @@ class WheelOdometry:
             if bounds.leaning or isfinite(bounds.greatest - bounds.least)
         ]
         self.encoders: tuple[Encoder, ...] = ()
-        self._has_gyro = self.drive.gyro
+        self._has_gyro = self._special = self.drive.gyro
         self._needs_gyro = self._has_gyro and not self.drive.observable_without_gyro
         self._displacement = self.drive.displacement
         self.accepted = 0
@@ -229,6 +252,19 @@ class WheelOdometry:
         self._more = self.errors is not None and (self.errors.drifts > 0 or self.errors.ticks)
         self._lost = False
         self.reset(pose or Pose2D())
+
+    @property
+    def slipping(self) -> tuple[str, ...]:
+        """Wheels of which any one would explain what did not add up lately; () where all did.
+
+        One name where the others still contradict each other without it; more where they cannot.
+        """
+        return () if self.slip is None else self.slip.slipping
+
+    @property
+    def stuck(self) -> tuple[str, ...]:
+        """Wheels whose encoder stands still although they must turn; the pose does without them if it can."""
+        return tuple(self.drive.measured_names[index] for index in self._stuck)
 
     @property
     def offered(self) -> int:
@@ -255,7 +291,7 @@ class WheelOdometry:
         self._x = self._y = self._theta = 0.0
         self._steps = 0
         self._covariance = covariance
-        self._drifts = [(0.0, 0.0, 0.0)] * (self.errors.drifts if self.errors is not None else 0)
+        self._drifts = [(0.0, 0.0, 0.0)] * self._drift_count
         self._before: Sequence[float] | None = None
         self.state = OdometryState(self._time_ns, pose, self._twist, True, "reset", covariance)
 
@@ -270,6 +306,7 @@ class WheelOdometry:
         ticks: Sequence[int] | None = None,
         increments: Numbers | None = None,
         velocities: Numbers | None = None,
+        command: Numbers | WheelCommand | None = None,
     ) -> OdometryState:
         """Take one sample.
 
@@ -286,6 +323,8 @@ class WheelOdometry:
             increments: Angles since the last sample [rad], in place of positions. What a rejected
                 sample held cannot be had back; the next state says "increments_lost".
             velocities: Wheel speeds [rad/s] at the stamp, in place of positions.
+            command: What the measured wheels were told [rad/s], for drives that cannot know by
+                themselves that an encoder froze.
 
         Returns:
             The state; with `accepted` False and unchanged where the sample was refused.
@@ -319,7 +358,7 @@ class WheelOdometry:
                 return self._reject(checked)
             steering = checked
         assert time_ns is not None
-        return self._step(time_ns, kind, reading, steering, yaw_rate)
+        return self._step(time_ns, kind, reading, steering, yaw_rate, command)
 
     # --- what `integrate` needs to go through arrays and come back ---------------------------------
 
@@ -362,7 +401,13 @@ class WheelOdometry:
     # --- one sample -------------------------------------------------------------------------
 
     def _step(  # noqa: C901, PLR0915 - the live path: one straight line, no calls that it need not make
-        self, time_ns: int, kind: Reading, reading: Numbers, steering: Numbers, yaw_rate: float | None
+        self,
+        time_ns: int,
+        kind: Reading,
+        reading: Numbers,
+        steering: Numbers,
+        yaw_rate: float | None,
+        command: Numbers | WheelCommand | None,
     ) -> OdometryState:
         before = self._reading
         elapsed = time_ns - self._time_ns
@@ -386,23 +431,27 @@ class WheelOdometry:
                 then + 0.5 * remainder(now - then, tau)
                 for now, then in zip(steering, self._steering, strict=True)
             ]
-        turn = None
-        if self._has_gyro:
-            turn = self._gyro_turn(yaw_rate, seconds)
-            if turn is None and self._needs_gyro:
-                return self._reject("no_gyro")
-            if turn is not None and not isfinite(turn):
-                return self._reject("nonfinite")
         # One bound for all wheels together settles nearly every sample, NaN and infinity included.
         if not hypot(*turned) <= self._surely * seconds:
             if not isfinite(sum(turned)):
                 return self._reject("nonfinite")
             if not self.plausible.allows(turned, seconds):
                 return self._implausible(time_ns, kind, reading, steering, yaw_rate)
-        if kind is VELOCITY and self._commutes and self._before is not None:
-            h0 = self._before_ns * 1e-9
-            samples = zip(self._earlier, before, reading, strict=True)
-            turned = [seconds * mean_rate(a, b, c, h0, seconds) for a, b, c in samples]
+        turn = None
+        if self._special:
+            if self._has_gyro:
+                turn = self._gyro_turn(yaw_rate, seconds)
+                if turn is None and self._needs_gyro:
+                    return self._reject("no_gyro")
+                if turn is not None and not isfinite(turn):
+                    return self._reject("nonfinite")
+                turn = self._without_bias(turn, turned, seconds)
+            if kind is VELOCITY and self._commutes and self._before is not None:
+                h0 = self._before_ns * 1e-9
+                samples = zip(self._earlier, before, reading, strict=True)
+                turned = [seconds * mean_rate(a, b, c, h0, seconds) for a, b, c in samples]
+            if self._stuck:
+                self._release(turned)
         try:
             dx, dy, dt = self._displacement(turned, middle, turn)
         except Unobservable:
@@ -423,8 +472,6 @@ class WheelOdometry:
                 dx, dy = dx - factor * (at * dy - dt * ay), dy + factor * (at * dx - dt * ax)
             self._before = measured
             self._before_ns = elapsed
-            self._earlier = before
-            self._earlier_yaw_rate = self._yaw_rate
         heading = self._toward + self._theta + self._lead * dt
         c, s = cos(heading), sin(heading)
         if self._chord and dt:
@@ -439,6 +486,9 @@ class WheelOdometry:
             self._fold()
 
         if self.errors is not None:
+            every = turned
+            if self._chosen is not None:
+                turned = [turned[index] for index in self._chosen]
             gains = self.errors.gains(middle, turn is not None)
             noise = self.errors.noise(gains, turned, measured, seconds, turn is not None)
             if reason == "gap":
@@ -449,16 +499,120 @@ class WheelOdometry:
             self._quantum = gains[2]
             if self._drifts:
                 self._drift_on(self.errors.drift(gains, turned, measured, turn), (dx, dy, dt))
+            if self.slip is not None and self.slip.step(turned, middle, turn, seconds, measured):
+                reason = self._judge_slip(gains[0]) or reason
+            if 0.0 in every or self._suspects:
+                reason = self._watch_frozen(every, middle, turn, seconds, measured, command) or reason
         if kind is VELOCITY:
-            measured, seconds = self._displacement(reading, steering, yaw_rate), 1.0
+            self._earlier = before
+            measured, seconds = self._displacement(reading, steering, self._rate(yaw_rate, turn)), 1.0
         self._twist = Twist2D(measured[0] / seconds, measured[1] / seconds, measured[2] / seconds)
         return self._accept(time_ns, reading, steering, yaw_rate, reason)
+
+    def _without_bias(self, turn: float | None, turned: Numbers, seconds: float) -> float | None:
+        """What the gyro says about a step [rad]; nothing while the robot stands still."""
+        standstill = self.standstill
+        assert standstill is not None
+        self._earlier_yaw_rate = self._yaw_rate
+        if standstill.step(turned, seconds, None if turn is None else turn / seconds):
+            return 0.0 if self._needs_gyro else None
+        return None if turn is None else turn - standstill.bias * seconds
+
+    def _judge_slip(self, gains: Gains) -> str:
+        """At the end of a window: do its wheels agree? If not, the covariance grows (S16)."""
+        assert self.slip is not None
+        doubt = 0.0 if self.standstill is None else self.standstill.doubt
+        excess = self.slip.close(doubt)
+        if not excess:
+            return ""
+        self._count_event("slip")
+        self._grow(self.slip.growth(excess - 1.0, gains))
+        return "slip"
+
+    def _rate(self, yaw_rate: float | None, turn: float | None) -> float | None:
+        """What the gyro shows [rad/s], where it takes part, without its bias."""
+        if yaw_rate is None or self.standstill is None or turn is None:
+            return None
+        return 0.0 if self._needs_gyro and not turn else yaw_rate - self.standstill.bias
+
+    def _watch_frozen(
+        self,
+        turned: Numbers,
+        middle: Numbers,
+        turn: float | None,
+        seconds: float,
+        step: Numbers,
+        command: Numbers | WheelCommand | None,
+    ) -> str:
+        """An encoder that froze: count on the others alone if they suffice (S14)."""
+        frozen = self.frozen
+        assert frozen is not None
+        told = None if command is None else self._told(command)
+        if told is None and not frozen.redundant:
+            return ""
+        frozen.release(turned)
+        found = frozen.convict(turned, middle, turn, seconds, step, told)
+        self._suspects = frozen.suspects
+        if not found:
+            return ""
+        self._count_event("stuck_wheel")
+        self._grow(outer(frozen.missed))
+        self._count_on_the_rest()
+        return "stuck_wheel"
+
+    def _release(self, turned: Numbers) -> None:
+        """A stuck encoder that counts again is counted on again."""
+        assert self.frozen is not None
+        if self.frozen.release(turned):
+            self._count_event("wheel_recovered")
+            self._count_on_the_rest()
+
+    def _count_on_the_rest(self) -> None:
+        assert self.frozen is not None
+        self._stuck = self.frozen.stuck
+        self._special = bool(self._stuck) or self._has_gyro or self._kind is VELOCITY
+        spare = self.frozen.spare(self._stuck) if self._stuck else None
+        whole, noise = self.drive, self.robot.noise
+        lengths = _tick_sizes(self.robot)[1]
+        if spare is None:
+            self._chosen, self._displacement, drive = None, whole.displacement, whole
+        else:
+            self._chosen, drive = spare.chosen, spare.drive
+            lengths = [lengths[index] for index in spare.chosen]
+
+            def displacement(
+                turned: Numbers, steering: Numbers = (), turn: Any = None, trig: Any = math
+            ) -> Numbers:
+                told = spare.displacement(turned, steering, turn)
+                return whole.displacement(turned, steering, turn, trig) if told is None else told
+
+            self._displacement = displacement
+        self.errors = ErrorModel(drive, noise, self.robot.encoders)
+        self.slip = slip_monitor(drive, noise, lengths)
+        self._before = None
+
+    def _told(self, command: Numbers | WheelCommand) -> Numbers | None:
+        """Commanded speeds of the measured wheels [rad/s]; None where they mean nothing."""
+        speeds = self.drive.select(command.speeds) if isinstance(command, WheelCommand) else command
+        if len(speeds) != self._count:
+            raise ShapeError(
+                f"command: {len(speeds)} speeds, must be {self._count} {self.drive.measured_names}"
+            )
+        return speeds if isfinite(sum(speeds)) else None
+
+    def _grow(self, six: Six) -> None:
+        self._covariance = weighted_sum((1.0, 1.0), (self._covariance, six))
 
     def _drift_on(self, changes: Sequence[Sequence[float]], step: Numbers) -> None:
         """Add what errors of the description did to this step, seen from the odom frame.
 
         There they are plain sums. Each acts where the step was at its middle.
         """
+        if self._chosen is not None and len(changes) < len(self._drifts):
+            every: list[Sequence[float]] = [(0.0, 0.0, 0.0)] * len(self._drifts)
+            for index, change in zip((*self._chosen, -1), changes, strict=False):
+                every[index] = change
+            changes = every
         dx, dy, dt = step
         middle = self._toward + self._theta - 0.5 * dt
         c, s = cos(middle), sin(middle)
@@ -553,7 +707,7 @@ class WheelOdometry:
             self._quantum = self.errors.gains(steering, self._has_gyro)[2]
             self._covariance = weighted_sum((1.0, 1.0), (self._covariance, self._quantum))
         self._twist = Twist2D()
-        self._before = None
+        self._break_off()
         self._lost = False
         self._strikes = 0
         self._time_ns = time_ns
@@ -589,7 +743,7 @@ class WheelOdometry:
 
     def _break(self, elapsed: int) -> str:
         """A step that is not like the others: after a gap, or after increments that were lost."""
-        self._before = None
+        self._break_off()
         if elapsed > self.max_gap_ns:
             self._count_event("gap")
             self._lost = False
@@ -597,6 +751,16 @@ class WheelOdometry:
         self._lost = False
         self._grow_unseen(elapsed * 1e-9)
         return "increments_lost"
+
+    def _break_off(self) -> None:
+        """What was watched before has no connection with what comes."""
+        self._before = None
+        if self.slip is not None:
+            self.slip.restart()
+        if self.frozen is not None:
+            self.frozen.restart()
+        if self.standstill is not None:
+            self.standstill.restart()
 
     def _grow_unseen(self, seconds: float) -> None:
         """Add what the robot may have moved while nobody looked: its speed times the time."""
@@ -675,6 +839,7 @@ class WheelOdometry:
         if kind is Reading.TICKS:
             self.encoders = self.robot.encoders_of(self.drive.measured_names)
         self._kind = kind
+        self._special = self._has_gyro or kind is VELOCITY
 
 
 def _one_reading(
@@ -696,6 +861,17 @@ def _one_reading(
     if len(given) != 1:
         raise InputError("update: give exactly one of positions, ticks=, increments=, velocities=")
     return given[0]
+
+
+def _tick_sizes(robot: Robot) -> tuple[list[float], list[float]]:
+    """What one count of each measured wheel is, as an angle [rad] and as a way [m]; 0 where not described."""
+    drive = robot.measuring
+    encoders = robot.encoders
+    angles = [
+        abs(encoders[name].radians_per_tick) if name in encoders else 0.0 for name in drive.measured_names
+    ]
+    radii = [drive.wheel(name).radius for name in drive.measured_names]
+    return angles, [angle * radius for angle, radius in zip(angles, radii, strict=True)]
 
 
 def _compensated(total: float, part: float, low: float) -> tuple[float, float]:
