@@ -311,6 +311,8 @@ def test_hostile_files_are_refused(tmp_path, row):
 def test_no_file(tmp_path):
     with pytest.raises(tr.ConfigError, match="cannot be read"):
         robot_from_controllers(tmp_path / "none.yaml")
+    with pytest.raises(tr.ConfigError, match="is not a file"):
+        robot_from_controllers(tmp_path)
 
 
 # --- writing -------------------------------------------------------------------------------------

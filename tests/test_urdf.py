@@ -371,6 +371,8 @@ def test_what_cannot_be_is_refused_with_its_place(read, row):
 def test_no_file(tmp_path):
     with pytest.raises(tr.ConfigError, match="cannot be read"):
         robot_from_urdf(tmp_path / "none.urdf")
+    with pytest.raises(tr.ConfigError, match="is not a file"):
+        robot_from_urdf(tmp_path)
 
 
 @settings(max_examples=200, deadline=None)

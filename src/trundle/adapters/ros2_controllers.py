@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
+from trundle.adapters.description_file import read_description
 from trundle.adapters.quantity import read_number
 from trundle.adapters.ros2_parameters import FAMILIES, Controller, find_controllers
 from trundle.adapters.typed_section import read_list, shown
@@ -42,7 +43,6 @@ from trundle.robot.log_mapping import Kind, ScalarMapping, Unit, WheelMapping
 
 __all__ = ["controllers_text", "read_controllers_document", "robot_from_controller", "robot_from_controllers"]
 
-MOST_READ = (1 << 20) + 1
 JOINT_STATES = "/joint_states"
 
 
@@ -79,13 +79,7 @@ def read_controllers_document(path: str | Path) -> YamlDocument:
     Raises:
         ConfigError: If it cannot be read, or is no plain YAML 1.2.
     """
-    try:
-        with Path(path).open("rb") as file:
-            raw = file.read(MOST_READ)
-    except (OSError, ValueError) as error:
-        problem = getattr(error, "strerror", None) or str(error)
-        raise ConfigError("", f"cannot be read: {problem}", source=str(path)) from None
-    return parse_yaml(raw, str(path))
+    return parse_yaml(read_description(path), str(path))
 
 
 def robot_from_controller(controller: Controller) -> Robot:

@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trundle.adapters.xml_document import MOST_BYTES, Element, parse_xml
+from trundle.adapters.description_file import read_description
+from trundle.adapters.xml_document import Element, parse_xml
 from trundle.errors import ConfigError, MissingExtra, did_you_mean
 from trundle.robot import DRIVES, Custom, Kinematics, LogMapping, Robot, TrackingWheels, Wheel
 from trundle.robot.log_mapping import ScalarMapping, WheelMapping
@@ -122,13 +123,7 @@ def urdf_wheels(path: str | Path, *, base: str = "base_link") -> tuple[str, list
 
 
 def _model(path: Path) -> Element:
-    try:
-        with path.open("rb") as file:
-            raw = file.read(MOST_BYTES + 1)
-    except (OSError, ValueError) as error:
-        problem = getattr(error, "strerror", None) or str(error)
-        raise ConfigError("", f"cannot be read: {problem}", source=str(path)) from None
-    root = parse_xml(raw, str(path))
+    root = parse_xml(read_description(path), str(path))
     if _is_xacro(root):
         root = parse_xml(_expanded(path), str(path))
     if root.tag != "robot":
