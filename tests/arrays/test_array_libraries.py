@@ -110,3 +110,39 @@ def test_derivatives_are_right_jacobians():
             return se2.log(se2.compose(se2.inverse(se2.exp(t)), se2.exp(t + d)))
 
         np.testing.assert_allclose(jax.jacfwd(error)(jax.numpy.zeros(3)), se2.right_jacobian(t), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "integrator", "stamped"),
+    [
+        *((name, "arc+", False) for name in DRIVES),
+        *(("differential", way.value, stamped) for way in tr.Integrator for stamped in (False, True)),
+    ],
+)
+def test_batches_of_robots(name, integrator, stamped, library):
+    drive = DRIVES[name]
+    random = np.random.default_rng(3)
+    turned = random.uniform(0.1, 0.3, (3, 60, len(drive.measured_names)))
+    positions = np.cumsum(turned, axis=1)
+    steering = 0.3 * np.sin(np.arange(60) / 10.0 + random.uniform(0.0, 0.1, (len(drive.steered_names), 3, 1)))
+    steering = np.moveaxis(steering, 0, -1) if drive.steered_names else None
+    time_ns = np.cumsum(random.integers(5, 30, 60)) * 1_000_000 if stamped else None
+    ours = tr.integrate_batch(
+        drive,
+        library.asarray(positions),
+        time_ns if time_ns is None else library.asarray(time_ns),
+        steering if steering is None else library.asarray(steering),
+        integrator,
+    )
+    numpys = tr.integrate_batch(drive, positions, time_ns, steering, integrator)
+    assert ours.shape == (3, 60, 3)
+    assert array_api_compat.device(ours) == array_api_compat.device(library.asarray(positions))
+    agree(ours, numpys, library, rtol=1e-12)
+
+
+def test_batches_keep_single_precision(library):
+    if array_api_compat.is_numpy_namespace(library):
+        pytest.skip("NumPy's poses are always double precision")
+    drive = DRIVES["differential"]
+    positions = library.asarray(np.cumsum(np.full((20, 2), 0.1), axis=0), dtype=library.float32)
+    assert tr.integrate_batch(drive, positions).dtype == library.float32

@@ -514,7 +514,9 @@ def _in_blocks(
         for rows in blocks:
             times = None if time_ns is None else time_ns[rows]
             angles = None if steering is None else steering[group, rows]
-            *columns, before = _walk(np, drive, positions[group, rows], times, angles, way, start, before)
+            *columns, before = _walk(
+                standard, drive, positions[group, rows], times, angles, way, start, before
+            )
             for k, part in enumerate(columns):
                 poses[group, rows.start + 1 : rows.stop, k] = part
             start = tuple(part[:, -1:] for part in columns)
@@ -547,7 +549,7 @@ def _compiled(
     for group, blocks in _blocks(robots, steps, 2 * BLOCK):
         for rows in blocks:
             angles = None if steering is None else steering[group, rows]
-            for k, part in enumerate(_steps(np, drive, positions[group, rows], angles)):
+            for k, part in enumerate(_steps(standard, drive, positions[group, rows], angles)):
                 column = body[group, rows, k]
                 column[:, 1:] = column[:, :1] + np.cumsum(part, axis=-1)
     compiled.walk(np.eye(3).tolist(), body, time_ns, way, poses)

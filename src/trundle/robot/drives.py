@@ -12,6 +12,7 @@ from typing import Any
 
 from trundle.errors import ConfigError, did_you_mean, require_finite, require_positive
 from trundle.robot.kinematics import Kinematics
+from trundle.robot.traced import nominal, trigonometry
 from trundle.robot.wheel import Wheel
 
 __all__ = [
@@ -103,7 +104,7 @@ class SkidSteer(Kinematics):
         half = require_positive("track_width", track_width) / 2
         left = half if icr_left is None else require_finite("icr_left", icr_left)
         right = -half if icr_right is None else require_finite("icr_right", icr_right)
-        if not left > right:
+        if not nominal(left) > nominal(right):
             raise ConfigError("icr_left", f"{left:g}, must be > icr_right ({right:g})")
         front = require_positive("wheelbase", wheelbase) / 2
         radius = _radii(wheel_radius, FOUR_WHEELS)
@@ -389,7 +390,8 @@ class Omni(Kinematics):
         wheels = []
         for k, name in enumerate(names):
             angle = first + k * math.tau / wheel_count
-            x, y = distance * math.cos(angle), distance * math.sin(angle)
+            trig = trigonometry(angle)
+            x, y = distance * trig.cos(angle), distance * trig.sin(angle)
             wheels.append(
                 Wheel(name, x, y, radius[name], angle - math.pi / 2, kind="swedish", free_direction=angle)
             )

@@ -15,6 +15,7 @@ from trundle.robot import observability
 from trundle.robot.least_squares import null_space
 from trundle.robot.rows import Row, contact, rolling, sideways
 from trundle.robot.solver import Driving, Gains, Leaning, Rolling, Solver
+from trundle.robot.traced import nominal, surely
 from trundle.robot.wheel import Wheel, WheelKind
 from trundle.robot.wheel_command import WheelCommand
 
@@ -102,8 +103,7 @@ class Kinematics:
 
         points = [(wheel.x, wheel.y) for wheel in speaking]
         *_, self._scale = observability.length_scale(points)
-        self._skid_x = None if skid_x is None else require_finite("skid_x", skid_x) - rx
-        rows = self._constraint_rows(self._skid_x)
+        rows = self._constraint_rows(None if skid_x is None else require_finite("skid_x", skid_x) - rx)
         self._constraints = tuple(rows[i] for i in observability.independent(rows, points))
         self._null = null_space(self._constraints, (1.0, 1.0, self._scale))
         observability.check_constraints(self._null)
@@ -173,7 +173,7 @@ class Kinematics:
         for wheel in self._steered:
             if wheel.name not in self.measured_names:
                 x, y = contact(wheel)
-                c, s = math.cos(wheel.heading + 0.3), math.sin(wheel.heading + 0.3)
+                c, s = math.cos(nominal(wheel.heading) + 0.3), math.sin(nominal(wheel.heading) + 0.3)
                 rows.append((c * y[0] - s * x[0], c * y[1] - s * x[1], c * y[2] - s * x[2]))
         return [*rows, (0.0, 0.0, 1.0)] if self.gyro else rows
 
@@ -219,27 +219,6 @@ class Kinematics:
             if wheel.name == name:
                 return wheel
         raise InputError(f"no wheel {name!r}; {did_you_mean(name, [wheel.name for wheel in self.wheels])}")
-
-    @property
-    def constraints(self) -> tuple[Row, ...]:
-        """Independent rows that hold exactly, unless wheels slip sideways."""
-        return self._constraints
-
-    @property
-    def free_motions(self) -> tuple[tuple[float, ...], ...]:
-        """Body twists that span all which the constraints allow."""
-        return tuple(tuple(column) for column in self._null)
-
-    def without(self, names: Sequence[str]) -> Kinematics:
-        """The same wheels, of which these are not measured.
-
-        Raises:
-            ConfigError: If the others can never determine the motion.
-        """
-        left = [name for name in self.measured_names if name not in names]
-        return Kinematics(
-            self.wheels, measured=[*left, *(("gyro",) if self.gyro else ())], skid_x=self._skid_x
-        )
 
     def __repr__(self) -> str:
         names = ", ".join(self.wheel_names)
@@ -374,7 +353,7 @@ class Kinematics:
         size = xp.abs(vx) + xp.abs(vy) + xp.abs(omega) * self._scale
         for a, b, turn in self._constraints:
             slip = xp.abs(a * vx + b * vy + turn * omega)
-            if bool(xp.any(slip > _FEASIBLE * size)):
+            if surely(xp.any(slip > _FEASIBLE * size)):
                 worst = int(xp.argmax(xp.reshape(slip, (-1,))))
                 flat = xp.reshape(twists, (-1, 3))
                 raise Infeasible(

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from trundle.robot.traced import nominal
+
 __all__ = ["Solution", "minimise", "null_space", "pseudo_inverse"]
 
 Number = Any
@@ -87,7 +89,7 @@ def null_space(rows: Sequence[Sequence[Number]], scale: Sequence[float]) -> list
     pivots: list[int] = []
     for i, row in enumerate(work):
         left = [c for c in range(width) if c not in pivots]
-        pivot = max(left, key=lambda c: abs(float(row[c])) * scale[c])
+        pivot = max(left, key=lambda c: abs(nominal(row[c])) * scale[c])
         pivots.append(pivot)
         leading = [a / row[pivot] for a in row]
         work[i] = leading

@@ -8,6 +8,7 @@ from typing import Any
 
 from trundle.errors import ConfigError, Singular
 from trundle.robot.rows import Row
+from trundle.robot.traced import nominal
 
 __all__ = ["CONDITION_LIMIT", "check_constraints", "check_observable", "independent", "length_scale"]
 
@@ -19,7 +20,7 @@ Points = Sequence[tuple[float, float]]
 
 def length_scale(points: Points) -> tuple[float, float, float]:
     """Centroid of the wheels and their RMS distance from it [m]; 1 m if they all stand there."""
-    xs, ys = zip(*((float(x), float(y)) for x, y in points), strict=True)
+    xs, ys = zip(*((nominal(x), nominal(y)) for x, y in points), strict=True)
     cx, cy = math.fsum(xs) / len(xs), math.fsum(ys) / len(ys)
     mean_square = math.fsum((x - cx) ** 2 + (y - cy) ** 2 for x, y in zip(xs, ys, strict=True)) / len(xs)
     return cx, cy, math.sqrt(mean_square) or 1.0
@@ -53,7 +54,7 @@ def check_constraints(motions: Sequence[Sequence[float]]) -> None:
     Raises:
         ConfigError: If there are none, or none that turns.
     """
-    if not any(abs(float(column[2])) > 0.0 for column in motions):
+    if not any(abs(nominal(column[2])) > 0.0 for column in motions):
         raise ConfigError(
             "wheels",
             "the fixed wheels leave the robot "
@@ -90,10 +91,8 @@ def _scaled(rows: Sequence[Row], points: Points) -> list[Any]:
 
     cx, cy, scale = length_scale(points)
     # vx = vx' + omega cy and vy = vy' - omega cx, where ' is the centroid.
-    return [
-        np.array([float(a), float(b), (float(turn) + float(a) * cy - float(b) * cx) / scale])
-        for a, b, turn in rows
-    ]
+    known = [(nominal(a), nominal(b), nominal(turn)) for a, b, turn in rows]
+    return [np.array([a, b, (turn + a * cy - b * cx) / scale]) for a, b, turn in known]
 
 
 def _in_words(direction: Any) -> str:

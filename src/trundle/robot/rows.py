@@ -7,8 +7,7 @@ D'Andrea-Novel 1996, "Structural properties and classification of wheeled mobile
 
 from __future__ import annotations
 
-import math
-
+from trundle.robot.traced import trigonometry
 from trundle.robot.wheel import Wheel, WheelKind
 
 __all__ = ["Row", "along", "contact", "rolling", "sideways"]
@@ -28,17 +27,20 @@ def contact(wheel: Wheel) -> tuple[Row, Row]:
 
 def rolling(wheel: Wheel) -> Row:
     """Row whose value is `radius * wheel speed`, for a wheel at steering angle zero."""
-    c, s = math.cos(wheel.heading), math.sin(wheel.heading)
+    trig = trigonometry(wheel.heading)
+    c, s = trig.cos(wheel.heading), trig.sin(wheel.heading)
     row = along(c, s, wheel.x, wheel.y)
     if wheel.kind is not WheelKind.SWEDISH or wheel.free_direction is None:
         return row
     # The contact slides along f, so only the component along its normal g counts:
     # (g . v) / (g . d), which is d . v + cot(heading - f) n . v.
-    slope = 1.0 / math.tan(wheel.heading - wheel.free_direction)
+    slide = wheel.heading - wheel.free_direction
+    slope = 1.0 / trigonometry(slide).tan(slide)
     a, b, turn = along(-s, c, wheel.x, wheel.y)
     return (row[0] + slope * a, row[1] + slope * b, row[2] + slope * turn)
 
 
 def sideways(wheel: Wheel) -> Row:
     """Row of the contact's speed to the left of the wheel, at steering angle zero."""
-    return along(-math.sin(wheel.heading), math.cos(wheel.heading), wheel.x, wheel.y)
+    trig = trigonometry(wheel.heading)
+    return along(-trig.sin(wheel.heading), trig.cos(wheel.heading), wheel.x, wheel.y)

@@ -15,6 +15,7 @@ from trundle.errors import Unobservable
 from trundle.robot.least_squares import minimise, pseudo_inverse
 from trundle.robot.observability import CONDITION_LIMIT
 from trundle.robot.rows import Row
+from trundle.robot.traced import nominal, surely
 
 __all__ = ["Driving", "Gains", "Leaning", "Rolling", "Solver"]
 
@@ -97,10 +98,10 @@ class Solver:
         self.null = null
         sizes = (1.0, 1.0, scale)
         # A column of A N is measured against the size of the body component that it stands for.
-        self._least = [
-            (max(abs(float(a)) * size for a, size in zip(column, sizes, strict=True)) / CONDITION_LIMIT) ** 2
-            for column in self.null
+        largest = [
+            max(abs(nominal(a)) * size for a, size in zip(column, sizes, strict=True)) for column in self.null
         ]
+        self._least = [(size / CONDITION_LIMIT) ** 2 for size in largest]
         fixed = [entry.row for entry in self.rolling]
         fixed += [row for entry in self.driving for row in entry.rows]
         if gyro:
@@ -236,7 +237,7 @@ class Solver:
     def _check(self, squares: Vector, trig: Any) -> None:
         for square, least in zip(squares, self._least, strict=True):
             low = square < least
-            if bool(low if trig is math else trig.any(low)):
+            if surely(low if trig is math else trig.any(low)):
                 raise Unobservable(
                     "at these steering angles the measured wheels do not determine the motion "
                     "(a wheel steered square to its way of rolling says nothing about it)"
