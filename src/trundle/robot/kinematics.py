@@ -103,7 +103,8 @@ class Kinematics:
 
         points = [(wheel.x, wheel.y) for wheel in speaking]
         *_, self._scale = observability.length_scale(points)
-        rows = self._constraint_rows(None if skid_x is None else require_finite("skid_x", skid_x) - rx)
+        self._skid_x = None if skid_x is None else require_finite("skid_x", skid_x) - rx
+        rows = self._constraint_rows(self._skid_x)
         self._constraints = tuple(rows[i] for i in observability.independent(rows, points))
         self._null = null_space(self._constraints, (1.0, 1.0, self._scale))
         observability.check_constraints(self._null)
@@ -219,6 +220,27 @@ class Kinematics:
             if wheel.name == name:
                 return wheel
         raise InputError(f"no wheel {name!r}; {did_you_mean(name, [wheel.name for wheel in self.wheels])}")
+
+    @property
+    def constraints(self) -> tuple[Row, ...]:
+        """Independent rows that hold exactly, unless wheels slip sideways."""
+        return self._constraints
+
+    @property
+    def free_motions(self) -> tuple[tuple[float, ...], ...]:
+        """Body twists that span all which the constraints allow."""
+        return tuple(tuple(column) for column in self._null)
+
+    def without(self, names: Sequence[str]) -> Kinematics:
+        """The same wheels, of which these are not measured.
+
+        Raises:
+            ConfigError: If the others can never determine the motion.
+        """
+        left = [name for name in self.measured_names if name not in names]
+        return Kinematics(
+            self.wheels, measured=[*left, *(("gyro",) if self.gyro else ())], skid_x=self._skid_x
+        )
 
     def __repr__(self) -> str:
         names = ", ".join(self.wheel_names)
