@@ -86,6 +86,11 @@ DANCE = Course.of(
 )
 
 
+def trapezoid(values: np.ndarray, dx: float) -> np.ndarray:
+    """Integral along the last axis (NumPy changed the name of its own between 1.26 and 2)."""
+    return dx * 0.5 * (values[..., 1:] + values[..., :-1]).sum(axis=-1)
+
+
 def constant(vx: float, vy: float, omega: float, duration: float) -> Course:
     return Course(hold(duration, vx=vx, vy=vy, omega=omega).twists, duration)
 
@@ -136,7 +141,7 @@ def test_blended_manoeuvres_keep_their_lengths_and_angles():
     reference = simulate(ROVER, course, rate=500.0, noise=NOISELESS).reference
     assert course.duration == pytest.approx(4.0 + 1.0 / 0.7 + 2.0 + 2.5 + 0.4)
     assert reference.poses[-1, 2] == pytest.approx(1.0, abs=1e-9)
-    assert np.trapezoid(reference.twists[:, 0], dx=0.002) == pytest.approx(2.0 - 0.5 + 1.0, abs=1e-6)
+    assert trapezoid(reference.twists[:, 0], dx=0.002) == pytest.approx(2.0 - 0.5 + 1.0, abs=1e-6)
     assert np.all(reference.twists[0] == 0.0)
     assert np.abs(course.at(np.array([course.duration]))).max() < 1e-12
 
@@ -289,7 +294,7 @@ def test_steering_errors_have_their_deviation_and_integrate_as_odometry_assumes(
     errors = np.stack(runs)
     assert errors.std() == pytest.approx(0.02, rel=0.05)
     # Variance of the integral of such a process over 50 m, memory 0.5 m: sigma^2 * (50 - 0.5) m * 1 m.
-    assert np.trapezoid(errors, dx=0.1).var() == pytest.approx(0.02**2 * 49.5, rel=0.35)
+    assert trapezoid(errors, dx=0.1).var() == pytest.approx(0.02**2 * 49.5, rel=0.35)
     still = simulate(drive, constant(0.0, 0.0, 0.0, 5.0), noise=noise).steering
     assert np.ptp(still) == 0.0
 
@@ -298,7 +303,7 @@ def test_gyro_noise_integrates_with_time():
     drive = Differential(track_width=0.2, wheel_radius=0.04, measured=("left", "right", "gyro"))
     course = constant(0.0, 0.0, 0.5, 10.0)
     runs = [simulate(drive, course, noise=Noise(gyro=0.01), seed=k).yaw_rate for k in range(400)]
-    turned = np.trapezoid(np.stack(runs), dx=0.02)
+    turned = trapezoid(np.stack(runs), dx=0.02)
     assert turned.mean() == pytest.approx(5.0, abs=0.01)
     assert turned.std() == pytest.approx(0.01 * math.sqrt(10.0), rel=0.15)
 

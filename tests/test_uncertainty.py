@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from array_api_compat import numpy as standard  # the array API, on NumPy 1.26 too
 
 import trundle as tr
 from trundle.geometry import se2
@@ -40,7 +41,7 @@ def wheels_of(kind: str, length: float, steps: int) -> np.ndarray:
 def walk(turned) -> tuple[list[np.ndarray], list[np.ndarray]]:
     shape = turned[0].shape
     step = [np.broadcast_to(part, shape) for part in DIFF.displacement(list(turned), (), None, np)]
-    return step, list(path.poses(np, step, Integrator.ARC, (0.0, 0.0, 0.0)))
+    return step, list(path.poses(standard, step, Integrator.ARC, (0.0, 0.0, 0.0)))
 
 
 def runs_of(kind: str, length: float, degrees: float, runs: int, steps: int = 400, seed: int = 1):
@@ -55,7 +56,7 @@ def runs_of(kind: str, length: float, degrees: float, runs: int, steps: int = 40
     model = ErrorModel(DIFF, tr.Noise(wheel_distance=sigma), {})
     gains = model.gains((), False)
     noise = model.noise(gains, list(measured), step, 0.0, False, np)
-    upper = path.covariances(np, step, noise, poses, ZERO, (0.0, 0.0, 0.0))
+    upper = path.covariances(standard, step, noise, poses, ZERO, (0.0, 0.0, 0.0))
     end = [part[:, -1] for part in upper]
     covariance = np.stack(
         [np.stack([end[k] for k in row], -1) for row in ((0, 1, 3), (1, 2, 4), (3, 4, 5))], -2
@@ -143,7 +144,7 @@ def test_errors_of_the_description_do_not_average_out() -> None:
     widths = 1.0 + sigma_track * generator.normal(size=(runs, 1))
     left, right = turned[:, None, :] * radii * RADIUS
     step = [(left + right) / 2, np.zeros_like(left), (right - left) / (TRACK * widths)]
-    poses = path.poses(np, step, Integrator.ARC, (0.0, 0.0, 0.0))
+    poses = path.poses(standard, step, Integrator.ARC, (0.0, 0.0, 0.0))
     truth = np.stack([part[:, -1] for part in poses], axis=-1)
     error = se2.log(se2.compose(se2.inverse(trajectory.poses[-1]), truth))
     np.testing.assert_allclose(np.cov(error.T), trajectory.covariances[-1], rtol=0.15, atol=3e-5)
