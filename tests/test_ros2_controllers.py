@@ -5,15 +5,21 @@ from __future__ import annotations
 import math
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 import trundle as tr
 from trundle.adapters.robot_data import robot_to_data
 from trundle.adapters.ros2_controllers import controllers_text, robot_from_controllers
 from trundle.adapters.ros2_parameters import FAMILIES, find_controllers
 from trundle.adapters.yaml_document import parse_yaml
+
+STAMP, HEADER = "builtin_interfaces/msg/Time", "std_msgs/msg/Header"
+STATE = "sensor_msgs/msg/JointState"
 
 DIFF = """
 controller_manager:
@@ -450,3 +456,29 @@ def test_a_joint_that_turns_the_other_way_is_no_controllers_business(robot_of):
     turned = robot.replace(log=msgspec.structs.replace(robot.log, wheels=wheels))
     with pytest.raises(tr.InputError, match="starboard_joint: sign -1"):
         controllers_text(turned)
+
+
+# --- a recording ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("feedback", ["true", "false"])
+def test_a_recording_of_joint_states_is_tracked(robot_of, tmp_path, feedback):
+    """The file that drives the robot is all that its recording needs, whatever order the joints come in."""
+    robot = robot_of(f"{DIFF}    position_feedback: {feedback}\n")
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    header, stamp, state = (store.types[name] for name in (HEADER, STAMP, STATE))
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/joint_states", STATE, typestore=store)
+        for k in range(11):
+            names = ["starboard_joint", "arm", "port_joint"]
+            message = state(
+                header=header(stamp=stamp(sec=k, nanosec=0), frame_id=""),
+                name=names,
+                position=np.array([2.0 * k, 7.0, 1.0 * k]),
+                velocity=np.array([2.0, 0.0, 1.0]),
+                effort=np.zeros(0),
+            )
+            writer.write(connection, k * 10**9, store.serialize_cdr(message, STATE))
+    trajectory = tr.integrate(robot, tr.read_log(tmp_path / "bag", robot))
+    assert trajectory.poses[-1][2] == pytest.approx(10 * 0.05 * (2.0 - 1.0) / 0.4)
+    assert trajectory.twists[-1] == pytest.approx([0.075, 0.0, 0.125])
