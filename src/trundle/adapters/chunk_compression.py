@@ -17,6 +17,7 @@ __all__ = [
     "decompress",
     "decompress_file",
     "decompress_frame",
+    "require_archive_growth",
     "require_growth",
     "require_total_growth",
 ]
@@ -54,6 +55,22 @@ def require_total_growth(source: object, sizes: Iterable[int], file_size: int) -
     total, most = sum(sizes), max(MOST_IN_TOTAL, MOST_TOTAL_RATIO * file_size)
     if total > most:
         raise LogLimit(source, "limit", f"would grow to {total >> 20} MiB; allowed are {most >> 20} MiB")
+
+
+def require_archive_growth(source: object, size: int, file_size: int) -> None:
+    """Refuse an archive that says that its members grow beyond measure.
+
+    A column of zeros may well be a thousandth of itself when it is compressed; so small archives may grow to
+    64 MiB, and larger ones to 100 times their size.
+
+    Raises:
+        LogLimit: If `size` is more, or more than `require_total_growth` allows.
+    """
+    most = max(MOST_IN_CHUNK, MOST_RATIO * file_size)
+    if size > most:
+        problem = f"would grow from {file_size} to {size} bytes; allowed are {most}"
+        raise LogLimit(source, "limit", problem)
+    require_total_growth(source, [size], file_size)
 
 
 def compress(content: bytes, compression: str) -> bytes:

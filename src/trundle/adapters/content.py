@@ -23,6 +23,7 @@ class Content(enum.Enum):
     ROSBAG2 = "rosbag2"
     WPILOG = "WPILOG"
     TUB = "donkeycar tub"
+    NPZ = "NumPy archive"
 
 
 _MAGIC = {
@@ -41,6 +42,7 @@ _BINARY_SUFFIXES = {
     ".wpilog": Content.WPILOG,
 }
 _ROSBAG2_PARTS = {".mcap", ".db3", ".zstd"}
+_PICKLES = {".pickle", ".pkl", ".p", ".joblib"}
 _TEXT_CONTROLS = b"\t\n\v\f\r\x1a\x1b"
 
 
@@ -72,7 +74,43 @@ def content_of(path: str | os.PathLike[str]) -> Content:
         # A file that ends within its first bytes is a truncated one, for its own reader to say so.
         if head.startswith(magic) or magic.startswith(head):
             return content
-    return _text(path, head)
+    return _archive(path, head) or _text(path, head)
+
+
+def _archive(path: Path, head: bytes) -> Content | None:
+    """NPZ; None for what is no archive and nothing that would have to be unpickled.
+
+    Raises:
+        LogError: For all others: `unsafe`, `unsafe_path`, or `format`.
+    """
+    from trundle.adapters import archive
+
+    if head.startswith(archive.ZIP_MAGICS):
+        names = archive.zip_names(path)
+        if names and all(name.endswith(".npy") for name in names):
+            return Content.NPZ
+        raise _packed(path, "zip archive", names)
+    if head[archive.TAR_MAGIC_AT :].startswith(archive.TAR_MAGIC):
+        raise _packed(path, "tar archive", archive.tar_names(path))
+    if head.startswith(archive.GZIP_MAGIC):
+        raise _packed(path, "gzip file", [])
+    if head.startswith(b"\x93NUMPY"):
+        from trundle.adapters.npz_table import npy_type
+
+        kind = npy_type(path)
+        raise LogError(
+            path, "format", f"is one NumPy array of {kind}; numpy.savez(name=column, ...) keeps names"
+        )
+    pickled = head[:1] == b"\x80" and head[1:2] <= b"\x05" and path.stat().st_size > 2
+    if pickled or path.suffix.lower() in _PICKLES:
+        problem = "is a Python pickle: loading it runs whatever code it names"
+        raise LogError(path, "unsafe", f"{problem}; save plain numbers, as CSV, Parquet or .npz")
+    return None
+
+
+def _packed(path: Path, kind: str, names: list[str]) -> LogError:
+    held = f" of {', '.join(names[:5])}{', ...' if len(names) > 5 else ''}" if names else ""
+    return LogError(path, "format", f"is a {kind}{held}: unpack it and name what is in it")
 
 
 def _folder(path: Path, parts: list[Path]) -> Content:

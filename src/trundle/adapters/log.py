@@ -10,6 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from trundle.adapters.content import Content, content_of
+from trundle.adapters.stamp_order import in_order
+from trundle.adapters.steady_file import SteadyFile
+from trundle.errors import LogError, TrundleError
 from trundle.records import WheelLog
 from trundle.robot import Kinematics, LogMapping, Robot
 
@@ -24,6 +27,7 @@ def read_log(
     *,
     mapping: LogMapping | None = None,
     salvage: bool = False,
+    sort: bool = False,
 ) -> WheelLog:
     """What the sensors of a robot said, from a log of any known format.
 
@@ -33,14 +37,17 @@ def read_log(
         robot: Whose log it is; or just its drive.
         mapping: How the log says it, in place of the robot's own `log` section.
         salvage: Of a damaged recording, read what can be read; `warnings` say what could not.
+        sort: Put rows in the order of their stamps however late they come; without it, up to one second.
 
     Returns:
         Readings of the robot's measured wheels, or its body twists, in SI units or raw counts; rows as
-        they were recorded, except those that could not be read, which are counted in `rejected`.
+        they were recorded, in the order of time, except those that could not be read, which are counted in
+        `rejected`.
 
     Raises:
         LogError: If the file cannot be read; its `reason` says why: `not_a_file`, `empty`, `format`,
-            `encoding`, `unreadable`. LogTruncated, LogCorrupt and LogLimit for damaged recordings.
+            `encoding`, `unreadable`, `unsorted`, `changed` (while it was read), `unsafe`, `unsafe_path`.
+            LogTruncated, LogCorrupt and LogLimit for damaged recordings.
         LogSchema: If it does not hold what the mapping says: `column`, `topic`, `field`, `ambiguous`,
             `parse`, `unit`, `type`.
         ConfigError: If the mapping does not fit the robot.
@@ -48,13 +55,36 @@ def read_log(
     """
     path = Path(path)
     described = robot if isinstance(robot, Robot) else Robot(drive=robot)
-    content = content_of(path)
+    content, file = content_of(path), SteadyFile(path)
     # NaN and infinity go through units and mountings as they are: odometry judges them.
     with np.errstate(over="ignore", invalid="ignore"):
-        log = _READERS[content](path, described, mapping or described.log, salvage)
+        log = _read(content, file, described, mapping or described.log, salvage=salvage)
+    log = in_order(log, sort=sort)
     if described.measuring.gyro and log.wheels is not None and log.yaw_rate is None:
         silent = "the robot measures with a gyro, but its log has none (log.gyro)"
         log = dataclasses.replace(log, warnings=(*log.warnings, silent))
+    return log
+
+
+def _read(
+    content: Content, file: SteadyFile, robot: Robot, mapping: LogMapping, *, salvage: bool
+) -> WheelLog:
+    """The log, unless its file changed meanwhile; with `salvage`, that is a loss."""
+    try:
+        log = _READERS[content](file.path, robot, mapping, salvage)
+    except OSError as error:
+        if isinstance(error, TrundleError):
+            raise
+        file.require_same()
+        raise LogError(file.path, "unreadable", f"cannot be read: {error.strerror or error}") from error
+    except LogError:
+        file.require_same()
+        raise
+    if not salvage:
+        file.require_same()
+    elif difference := file.difference:
+        loss = f"{difference}; what came later is lost"
+        return dataclasses.replace(log, warnings=(loss, *log.warnings), losses=(loss, *log.losses))
     return log
 
 
@@ -86,6 +116,7 @@ def _read_tub(path: Path, robot: Robot, mapping: LogMapping, _salvage: bool) -> 
 _READERS: dict[Content, Reader] = {
     Content.TEXT: _read_table,
     Content.PARQUET: _read_table,
+    Content.NPZ: _read_table,
     Content.MCAP: _read_bag,
     Content.ROSBAG1: _read_bag,
     Content.ROSBAG2: _read_bag,

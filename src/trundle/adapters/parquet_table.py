@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,14 +10,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trundle.adapters.number_columns import Mask, kept_rows
 from trundle.adapters.numeral import Numeral, Stamp
 from trundle.adapters.table import ColumnName, Rows, Wanted, column_index
 from trundle.errors import LogCorrupt, LogError, LogSchema, MissingExtra
 from trundle.robot.log_mapping import Unit
 
 __all__ = ["ParquetTable"]
-
-Mask = npt.NDArray[np.bool_]
 
 
 class ParquetTable:
@@ -48,7 +46,7 @@ class ParquetTable:
             pieces = [_column(table.column(name), want) for name, want in zip(names, wanted, strict=True)]
         if not table.num_rows:
             raise LogError(self.path, "empty", "holds no row")
-        return self._kept(wanted, pieces)
+        return kept_rows(self.path, wanted, pieces)
 
     def _require_numbers(self, want: Wanted, place: int) -> None:
         from pyarrow import types
@@ -57,36 +55,6 @@ class ParquetTable:
         stamp = types.is_timestamp(kind) and isinstance(want.numeral, Stamp)
         if not (stamp or types.is_integer(kind) or types.is_floating(kind)):
             raise LogSchema(self.path, "type", f"column {want.column!r} holds {kind}, must be numbers")
-
-    def _kept(self, wanted: Sequence[Wanted], pieces: list[tuple[npt.NDArray[Any], Mask, Mask]]) -> Rows:
-        """The rows that are whole, and an account of the others."""
-        missing = np.logical_or.reduce([unreadable for _, unreadable, _ in pieces])
-        nonfinite = np.logical_or.reduce([refused for _, _, refused in pieces]) & ~missing
-        bad = missing | nonfinite
-        if not bad.any():
-            return Rows(tuple(values for values, _, _ in pieces))
-        rows = np.flatnonzero(bad)
-        named = ", ".join(str(row) for row in rows[:5]) + (", ..." if len(rows) > 5 else "")
-        columns = ", ".join(
-            repr(want.column) for want, (_, a, r) in zip(wanted, pieces, strict=True) if (a | r).any()
-        )
-        if bad.all():
-            raise self._complaint(wanted, pieces, columns)
-        rejected = Counter({"parse": int(missing.sum()), "nonfinite": int(nonfinite.sum())})
-        return Rows(
-            tuple(values[~bad] for values, _, _ in pieces),
-            +rejected,
-            (f"{len(rows)} rows were left out as unreadable: rows {named}: no number in {columns}",),
-        )
-
-    def _complaint(
-        self, wanted: Sequence[Wanted], pieces: list[tuple[Any, Mask, Mask]], columns: str
-    ) -> LogSchema:
-        for want, (_, unreadable, _) in zip(wanted, pieces, strict=True):
-            if isinstance(want.numeral, Stamp) and unreadable.all():
-                problem = f"no {want.column!r} is a time within 292 years: declare the unit of the time"
-                return LogSchema(self.path, "unit", problem)
-        return LogSchema(self.path, "parse", f"no row holds a number in each of {columns}")
 
 
 def _column(column: Any, want: Wanted) -> tuple[npt.NDArray[Any], Mask, Mask]:

@@ -16,6 +16,7 @@ from urllib.parse import quote
 import numpy as np
 import numpy.typing as npt
 
+from trundle.adapters.archive import is_inside
 from trundle.adapters.chunk_compression import ZSTD_MAGIC, decompress_frame
 from trundle.adapters.damage import Damage
 from trundle.adapters.message_layout import Serialization
@@ -64,7 +65,7 @@ def list_folder(folder: Path) -> FolderListing:
     """
     try:
         about = _metadata(folder / "metadata.yaml")
-        files = [folder / PurePath(str(name)).name for name in about["relative_file_paths"]]
+        files = [_beside(folder, str(name)) for name in about["relative_file_paths"]]
         counts: dict[str, int] = {}
         for entry in about["topics_with_message_count"]:
             name = str(entry["topic_metadata"]["name"])
@@ -72,12 +73,23 @@ def list_folder(folder: Path) -> FolderListing:
         listing = FolderListing(files, counts, [])
     except Damage as damage:
         listing = FolderListing(_recordings(folder), {}, [f"unverified: metadata.yaml {damage}"])
+    except LogError:
+        raise
     except (KeyError, TypeError, ValueError, AttributeError) as problem:
         warning = f"unverified: metadata.yaml is not that of a rosbag2 ({problem!r})"
         listing = FolderListing(_recordings(folder), {}, [warning])
     if not listing.files:
         raise LogError(folder, "format", "holds neither a metadata.yaml nor .mcap or .db3 files")
     return listing
+
+
+def _beside(folder: Path, name: str) -> Path:
+    """A file that metadata.yaml names. Old ones say the folder too; none may lead out of it."""
+    if not is_inside(name):
+        raise LogError(
+            folder, "unsafe_path", f"its metadata.yaml names {name!r}, must be a file of the folder"
+        )
+    return folder / PurePath(name).name
 
 
 def unpacked(batch: MessageBatch) -> MessageBatch:

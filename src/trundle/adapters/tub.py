@@ -92,7 +92,8 @@ class Tub:
         self._catalogs: _Catalogs = _json(path, lines[4], _Catalogs)
         for name in self._catalogs.paths:
             if Path(name).name != name or name in ("", "..") or "\0" in name:
-                raise LogCorrupt(path, "corrupt", f"names the catalog {name!r}, must be a file of the tub")
+                problem = f"names the catalog {name!r}, must be a file of the tub"
+                raise LogCorrupt(path, "unsafe_path", problem)
 
     def __len__(self) -> int:
         """How many records its manifest counts."""

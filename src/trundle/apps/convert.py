@@ -22,6 +22,7 @@ def convert(
     *,
     robot: Path | None = None,
     salvage: Annotated[bool, Parameter(alias="--allow-partial", negative="")] = False,
+    sort: Annotated[bool, Parameter(negative="")] = False,
     force: Annotated[bool, Parameter(negative="")] = False,
 ) -> ExitCode:
     """Write a trajectory in another format; or, with --robot, a wheel log as Trundle's own CSV.
@@ -31,6 +32,7 @@ def convert(
         output: Its suffix says the format.
         robot: The description of the robot whose log it is; its log: section says what is in it.
         salvage: Of a damaged recording, read what can be read (exit code 4).
+        sort: Put rows of a log in the order of time, however late they come; without it, up to one second.
         force: Replace a file that exists.
     """
     from trundle.adapters.trajectory import TRAJECTORY_SUFFIXES, read_trajectory, write_trajectory
@@ -38,7 +40,7 @@ def convert(
     inputs = [path for path in (source, robot) if path is not None]
     if robot is not None:
         check_output(output, suffixes=(".csv",), inputs=inputs, force=force)
-        return _convert_log(source, robot, output, salvage=salvage, force=force)
+        return _convert_log(source, robot, output, salvage=salvage, sort=sort, force=force)
     check_output(output, suffixes=TRAJECTORY_SUFFIXES, inputs=inputs, force=force)
     trajectory = read_trajectory(source)
     write_trajectory(trajectory, output, force=force)
@@ -51,12 +53,14 @@ def convert(
     return ExitCode.FINE
 
 
-def _convert_log(source: Path, robot: Path, output: Path, *, salvage: bool, force: bool) -> ExitCode:
+def _convert_log(
+    source: Path, robot: Path, output: Path, *, salvage: bool, sort: bool, force: bool
+) -> ExitCode:
     from trundle.adapters.log import read_log
     from trundle.adapters.robot_yaml import load_robot
     from trundle.adapters.wheel_log_csv import write_log
 
-    log = read_log(source, load_robot(robot), salvage=salvage)
+    log = read_log(source, load_robot(robot), salvage=salvage, sort=sort)
     write_log(log, output, force=force)
     for warning in log.warnings:
         print(f"trundle: warning: {warning}", file=sys.stderr)

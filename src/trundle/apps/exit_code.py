@@ -35,6 +35,6 @@ def exit_code_of(error: BaseException) -> ExitCode:
         return ExitCode.USAGE
     if isinstance(error, OSError | MemoryError | ImportError):
         return ExitCode.ENVIRONMENT
-    if isinstance(error, LogError) and error.reason == "unreadable":
+    if isinstance(error, LogError) and error.reason in ("unreadable", "changed"):
         return ExitCode.ENVIRONMENT
     return ExitCode.DATA if isinstance(error, TrundleError) else ExitCode.BUG

@@ -74,7 +74,7 @@ def _tried(log: Path, robot: Robot) -> list[str]:
     from trundle.errors import TrundleError
 
     try:
-        wheels = read_log(log, robot, salvage=True)
+        wheels = read_log(log, robot, salvage=True, sort=True)
     except TrundleError as error:
         print(f"trundle: warning: the robot's own log: section does not fit: {error}", file=sys.stderr)
         return []

@@ -38,6 +38,7 @@ def track(
     reference: Path | None = None,
     integrator: Way = "arc+",
     salvage: Annotated[bool, Parameter(alias="--allow-partial", negative="", show_default=False)] = False,
+    sort: Annotated[bool, Parameter(negative="", show_default=False)] = False,
     force: Annotated[bool, Parameter(negative="", show_default=False)] = False,
 ) -> ExitCode:
     """Integrate a wheel log into a trajectory, and say how it went.
@@ -51,6 +52,7 @@ def track(
         reference: A trajectory to compare with, in place of the log's own reference.
         integrator: How steps become a path.
         salvage: Of a damaged recording, read what can be read (exit code 4).
+        sort: Put rows in the order of their stamps, however late they come; without it, up to one second.
         force: Replace files that exist.
     """
     from trundle.adapters.log import read_log
@@ -71,7 +73,7 @@ def track(
     described = load_robot(robot)
     with Progress(4) as progress:
         progress.step(f"reading {log.name}")
-        wheels = read_log(log, described, salvage=salvage)
+        wheels = read_log(log, described, salvage=salvage, sort=sort)
         truth = wheels.reference if reference is None else read_trajectory(reference)
         progress.step(f"integrating {len(wheels)} samples")
         trajectory = integrate(described, wheels, integrator=integrator)
