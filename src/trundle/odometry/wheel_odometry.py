@@ -733,7 +733,6 @@ class WheelOdometry:
 
     def _reject(self, reason: str) -> OdometryState:
         self.rejected[reason] = self.rejected.get(reason, 0) + 1
-        self._before = None
         if self._kind is Reading.INCREMENT and not reason.startswith("duplicate"):
             self._lost = True
         self.state = state = OdometryState(
@@ -811,6 +810,8 @@ class WheelOdometry:
             if yaw_rate is None and self._yaw_rate is not None:
                 self._count_event("gyro_dropout")
             return None
+        if not isfinite(yaw_rate):
+            return math.nan
         if self._commutes and self._before is not None and self._earlier_yaw_rate is not None:
             h0, h1 = self._before_ns * 1e-9, seconds
             mean: float = mean_rate(self._earlier_yaw_rate, self._yaw_rate, yaw_rate, h0, h1)
