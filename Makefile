@@ -71,7 +71,8 @@ COMPUTING = tests/donkeycar tests/arrays $(wildcard $(addprefix tests/test_, \
 	geometry*.py kinematics*.py conventions.py records*.py odometry*.py integrate*.py integration*.py simulate*.py uncertainty.py))
 
 test-donkeycar: .envs/donkeycar/ready
-	.envs/donkeycar/bin/python $(PYTEST) $(COMPUTING) -k "not jax and not torch and not strict"
+	.envs/donkeycar/bin/python $(PYTEST) $(COMPUTING) --ignore=tests/arrays/test_gradients.py \
+		-k "not jax and not torch and not strict"
 
 test-jax: .envs/jax/ready
 	.envs/jax/bin/python $(PYTEST) tests/arrays

@@ -20,8 +20,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from trundle.adapters.log import read_log
     from trundle.adapters.robot_yaml import load_robot, save_robot
+    from trundle.adapters.ros2_controllers import controllers_text, robot_from_controllers
     from trundle.adapters.trajectory import read_trajectory, write_trajectory
+    from trundle.adapters.urdf import robot_from_urdf
     from trundle.adapters.wheel_log_csv import write_log
+    from trundle.command import CommandPipeline, FeedForward, MotorUnits, Saturation, Watchdog, saturate
     from trundle.errors import (
         ConfigError,
         Infeasible,
@@ -72,11 +75,13 @@ __version__ = "0.1.0"
 __all__ = [
     "Ackermann",
     "Bicycle",
+    "CommandPipeline",
     "Comparison",
     "ConfigError",
     "Custom",
     "Differential",
     "Encoder",
+    "FeedForward",
     "FourWheelSteering",
     "Infeasible",
     "InputError",
@@ -91,6 +96,7 @@ __all__ = [
     "LogTruncated",
     "Mecanum",
     "MissingExtra",
+    "MotorUnits",
     "Noise",
     "OdometryState",
     "Omni",
@@ -99,6 +105,7 @@ __all__ = [
     "Pose2D",
     "Reading",
     "Robot",
+    "Saturation",
     "ShapeError",
     "Singular",
     "SkidSteer",
@@ -109,6 +116,7 @@ __all__ = [
     "TrundleError",
     "Twist2D",
     "Unobservable",
+    "Watchdog",
     "Wheel",
     "WheelCommand",
     "WheelKind",
@@ -116,11 +124,15 @@ __all__ = [
     "WheelOdometry",
     "__version__",
     "compare",
+    "controllers_text",
     "integrate",
     "integrate_batch",
     "load_robot",
     "read_log",
     "read_trajectory",
+    "robot_from_controllers",
+    "robot_from_urdf",
+    "saturate",
     "save_robot",
     "wrap",
     "write_log",
@@ -131,8 +143,11 @@ __all__ = [
 _HOMES = {
     "trundle.adapters.log": "read_log",
     "trundle.adapters.robot_yaml": "load_robot save_robot",
+    "trundle.adapters.ros2_controllers": "controllers_text robot_from_controllers",
     "trundle.adapters.trajectory": "read_trajectory write_trajectory",
+    "trundle.adapters.urdf": "robot_from_urdf",
     "trundle.adapters.wheel_log_csv": "write_log",
+    "trundle.command": "CommandPipeline FeedForward MotorUnits Saturation Watchdog saturate",
     "trundle.errors": (
         "ConfigError Infeasible InputError LogCorrupt LogError LogLimit LogSchema "
         "LogTruncated MissingExtra OutputError PathError ShapeError Singular TrundleError "
