@@ -16,6 +16,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
 
 from trundle.adapters import log as log_door
 from trundle.adapters.content import Content, content_of
@@ -324,6 +326,43 @@ def changing(name):
     return fault
 
 
+def fault_mapped_shrinks(folder):
+    """Reading behind the end of a mapped file would kill the process; so this is another process."""
+    script = (
+        "import os, sys\n"
+        "from trundle.adapters.bag import open_bag\n"
+        "from trundle.adapters.wpilog import open_wpilog\n"
+        "from trundle.errors import LogError\n"
+        "for path in sys.argv[1:]:\n"
+        "    with (open_wpilog if path.endswith('.wpilog') else open_bag)(path) as recording:\n"
+        "        os.truncate(path, 64)\n"
+        "        for topic in recording.topics:\n"
+        "            try:\n"
+        "                recording.read(topic, [])\n"
+        "            except LogError as error:\n"
+        "                print('cut off while it was read' in str(error))\n"
+    )
+    log, robot = write(folder, csv(drive(200.0))), write(folder, ROBOT, "robot.yaml")
+    outputs = [folder / "out.mcap", folder / "out.wpilog"]
+    for output in outputs:
+        assert main(["track", str(log), "--robot", str(robot), "-o", str(output)]) == 0
+    outputs.append(write_ros1_bag(folder / "out.bag"))
+    words = [sys.executable, "-c", script, *map(str, outputs)]
+    done = subprocess.run(words, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.split()) >= len(outputs)
+    assert set(done.stdout.split()) == {"True"}
+
+
+def write_ros1_bag(path: Path) -> Path:
+    store, kind = get_typestore(Stores.ROS1_NOETIC), "std_msgs/msg/Float64"
+    with Writer(path) as writer:
+        topic = writer.add_connection("/x", kind, typestore=store)
+        for ns in range(1, 4000):
+            writer.write(topic, ns, store.serialize_ros1(store.types[kind](float(ns)), kind))
+    return path
+
+
 def fault_growing_is_a_loss(folder, monkeypatch):
     """Of a log that is still being written, `--salvage` takes what is there, and says so."""
     meanwhile(monkeypatch, append)
@@ -407,6 +446,7 @@ FAULTS = {
     "L19-harmless": fault_harmless_archives,
     "L19-metadata": fault_named_by_metadata,
     **{f"D3-{name}": changing(name) for name in CHANGES},
+    "D3-mapped": fault_mapped_shrinks,
     "D3-growing": fault_growing_is_a_loss,
     "D5-eio": fault_io_error,
     "D5-eio-later": fault_io_error_later,

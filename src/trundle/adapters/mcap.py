@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trundle.adapters.chunk_compression import decompress, require_growth, require_total_growth
-from trundle.adapters.damage import Damage
+from trundle.adapters.damage import Damage, require_mapped
 from trundle.adapters.mcap_records import (
     HEAD,
     MESSAGE_FIELDS,
@@ -214,6 +214,7 @@ class McapFile:
 
     def _content(self, chunk: _Chunk) -> _Bytes:
         """A chunk's records, decompressed and checked."""
+        require_mapped(self._map)
         content: _Bytes = self._data[chunk.start : chunk.stop]
         if chunk.compression:
             raw = decompress(content, chunk.compression, chunk.size, is_cut=chunk.is_cut)

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trundle.adapters.chunk_compression import decompress, require_growth, require_total_growth
-from trundle.adapters.damage import Damage
+from trundle.adapters.damage import Damage, require_mapped
 from trundle.adapters.message_layout import Serialization
 from trundle.adapters.rosmsg import Struct, ros2_name, struct_type
 from trundle.adapters.topic_columns import MessageBatch, TopicInfo, rows_of
@@ -186,6 +186,7 @@ class Rosbag1File:
     # ------------------------------------------------------------------ chunks
 
     def _content(self, chunk: _Chunk) -> _Bytes:
+        require_mapped(self._map)
         stored = self._data[chunk.start : chunk.stop]
         if chunk.compression:
             raw = decompress(stored, chunk.compression, chunk.size, is_cut=chunk.is_cut)

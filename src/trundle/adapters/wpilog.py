@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from trundle.adapters.damage import Damage
+from trundle.adapters.damage import Damage, require_mapped
 from trundle.adapters.topic_columns import Column, TopicColumns, TopicInfo, rows_of
 from trundle.adapters.wpilog_records import HEADER, MAGIC, VERSION, Start, control_of, walk
 from trundle.adapters.wpilog_struct import UnknownStruct, dtype_of
@@ -125,6 +125,10 @@ class WpilogFile:
 
     def _values(self, topic: str, members: Numbers) -> list[tuple[Numbers, npt.NDArray[Any]]]:
         """An entry's values as arrays (n, elements), one for each number of elements, and which they are."""
+        try:
+            require_mapped(self._map)
+        except Damage as damage:
+            raise LogTruncated(self.path, "truncated", str(damage)) from None
         kind, _ = self._dtype(topic)
         starts, sizes = self._index.starts[members], self._index.sizes[members]
         parts = []
