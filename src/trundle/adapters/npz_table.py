@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import io
+import ast
+import math
+import re
 import zipfile
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numpy.lib import format as npy
 
 from trundle.adapters.archive import zip_names
 from trundle.adapters.chunk_compression import require_archive_growth
@@ -21,12 +22,31 @@ from trundle.errors import LogCorrupt, LogError, LogSchema
 
 __all__ = ["NpzTable", "npy_type"]
 
-_Header: TypeAlias = tuple[tuple[int, ...], bool, np.dtype[Any]]
-_HEADERS: dict[tuple[int, int], Callable[..., _Header]] = {
-    (1, 0): npy.read_array_header_1_0,
-    (2, 0): npy.read_array_header_2_0,
-}
 _SUFFIX = ".npy"
+_MAGIC = b"\x93NUMPY"
+_LENGTH_BYTES = {b"\1\0": 2, b"\2\0": 4, b"\3\0": 4}  # of the header's length, by version
+_LONGEST_HEADER = 10_000  # as NumPy's own limit
+_NUMBERS = re.compile(r"[<>|=]?[iuf][1248]")
+_OBJECTS = re.compile(r"'[<>|=]?O\d*'")
+_BROKEN = (
+    zipfile.BadZipFile, zlib.error, EOFError, ValueError, RuntimeError, NotImplementedError,
+    SyntaxError, TypeError, KeyError, MemoryError, RecursionError,
+)  # fmt: skip
+
+
+class _Array(NamedTuple):
+    """What a header says."""
+
+    type: str
+    by_columns: bool
+    shape: tuple[int, ...]
+
+
+class _Column(NamedTuple):
+    """Where a column lies."""
+
+    member: str
+    place: int | None
 
 
 class NpzTable:
@@ -42,59 +62,66 @@ class NpzTable:
         self.path = path
         members = zip_names(path)
         with zipfile.ZipFile(path) as archive:
-            require_archive_growth(
-                path, sum(archive.getinfo(name).file_size for name in members), path.stat().st_size
-            )
-            arrays = {name.removesuffix(_SUFFIX): self._array(archive, name) for name in members}
-        self._columns: dict[str, npt.NDArray[Any]] = {}
-        for name, array in arrays.items():
-            if array.ndim == 1:
-                self._columns[name] = array
-            elif array.ndim == 2:
-                self._columns |= {f"{name}.{place}": column for place, column in enumerate(array.T)}
+            size = sum(archive.getinfo(member).file_size for member in members)
+            require_archive_growth(path, size, path.stat().st_size)
+            self._arrays = {member: self._header(archive, member) for member in members}
+        self._columns: dict[str, _Column] = {}
+        for member, array in self._arrays.items():
+            name = member.removesuffix(_SUFFIX)
+            if len(array.shape) == 1:
+                self._columns[name] = _Column(member, None)
+            elif len(array.shape) == 2 and array.shape[1] <= array.shape[0]:
+                places = range(array.shape[1])
+                self._columns |= {f"{name}.{place}": _Column(member, place) for place in places}
         self.names: tuple[ColumnName, ...] = tuple(self._columns)
 
     def read(self, wanted: Sequence[Wanted]) -> Rows:
         """See `Table`."""
         names = [str(self.names[column_index(self.path, self.names, want.column)]) for want in wanted]
-        columns = [self._columns[name] for name in names]
-        for name, column in zip(names, columns, strict=True):
-            if column.dtype.kind not in "iuf":
-                raise LogSchema(self.path, "type", f"array {name!r} holds {column.dtype}, must be numbers")
-            if len(column) != len(columns[0]):
-                problem = f"arrays {names[0]!r} and {name!r} have {len(columns[0])} and {len(column)} rows"
-                raise LogSchema(self.path, "type", f"{problem}, must be as many")
-        if not len(columns[0]):
-            raise LogError(self.path, "empty", "holds no row")
+        arrays = self._load({self._columns[name].member for name in names})
         pieces = []
-        for want, column in zip(wanted, columns, strict=True):
+        for name, want in zip(names, wanted, strict=True):
+            member, place = self._columns[name]
+            column = arrays[member] if place is None else arrays[member][:, place]
             values, refused = want.numeral.of_numbers(column)
             finite = np.isfinite(column)
             pieces.append((values, refused & finite, refused & ~finite))
+        lengths = {name: len(values) for name, (values, _, _) in zip(names, pieces, strict=True)}
+        if len(set(lengths.values())) > 1:
+            rows = ", ".join(f"{name!r} {length}" for name, length in lengths.items())
+            raise LogSchema(self.path, "type", f"its arrays have different numbers of rows: {rows}")
+        if not any(lengths.values()):
+            raise LogError(self.path, "empty", "holds no row")
         return kept_rows(self.path, wanted, pieces)
 
-    def _array(self, archive: zipfile.ZipFile, member: str) -> npt.NDArray[Any]:
+    def _header(self, archive: zipfile.ZipFile, member: str) -> _Array:
         try:
-            content = archive.read(member)
-            file = io.BytesIO(content)
-            shape, by_columns, dtype = _header(self.path, member, file)
-            values = np.frombuffer(content, dtype, offset=file.tell())
-            return values.reshape(shape, order="F" if by_columns else "C")
-        except (
-            zipfile.BadZipFile,
-            zlib.error,
-            EOFError,
-            ValueError,
-            RuntimeError,
-            NotImplementedError,
-        ) as error:
-            if isinstance(error, LogError):
-                raise
-            raise LogCorrupt(self.path, "corrupt", f"array {member!r} is not whole: {error}") from error
+            with archive.open(member) as file:
+                return _header(self.path, member, file)
+        except _BROKEN as error:
+            raise _as_ours(self.path, member, error) from error
+
+    def _load(self, members: set[str]) -> dict[str, npt.NDArray[Any]]:
+        with zipfile.ZipFile(self.path) as archive:
+            return {member: self._array(archive, member) for member in members}
+
+    def _array(self, archive: zipfile.ZipFile, member: str) -> npt.NDArray[Any]:
+        kind, by_columns, shape = self._arrays[member]
+        if not _NUMBERS.fullmatch(kind):
+            raise LogSchema(self.path, "type", f"array {member!r} holds {kind}, must be numbers")
+        try:
+            with archive.open(member) as file:
+                _header(self.path, member, file)
+                values = np.frombuffer(file.read(), kind)
+            if len(values) != math.prod(shape):
+                raise ValueError(f"{len(values)} numbers where its shape is {shape}")
+        except _BROKEN as error:
+            raise _as_ours(self.path, member, error) from error
+        return values.reshape(shape, order="F" if by_columns else "C")
 
 
-def npy_type(path: Path) -> np.dtype[Any]:
-    """What the array of a `.npy` file holds.
+def npy_type(path: Path) -> str:
+    """What the array of a `.npy` file holds, as NumPy writes it.
 
     Raises:
         LogError: `unsafe` if that is Python objects.
@@ -102,19 +129,31 @@ def npy_type(path: Path) -> np.dtype[Any]:
     """
     with path.open("rb") as file:
         try:
-            return _header(path, path.name, file)[2]
-        except ValueError as error:
-            if isinstance(error, LogError):
-                raise
-            raise LogCorrupt(path, "corrupt", f"is not whole as a NumPy array: {error}") from error
+            return _header(path, path.name, file).type
+        except _BROKEN as error:
+            raise _as_ours(path, path.name, error) from error
 
 
-def _header(path: Path, name: str, file: Any) -> _Header:
-    version = npy.read_magic(file)
-    if version not in _HEADERS:
-        raise LogError(path, "format", f"array {name!r} is of NumPy's format {version}; known: 1.0, 2.0")
-    shape, by_columns, dtype = _HEADERS[version](file)
-    if dtype.hasobject:
+def _header(path: Path, name: str, file: IO[bytes]) -> _Array:
+    """The header of a `.npy` file, which is a Python literal."""
+    start = file.read(8)
+    if start[:6] != _MAGIC or start[6:] not in _LENGTH_BYTES:
+        raise ValueError(f"begins with {start!r}, must be NumPy's format 1.0 to 3.0")
+    length = int.from_bytes(file.read(_LENGTH_BYTES[start[6:]]), "little")
+    if length > _LONGEST_HEADER:
+        raise ValueError(f"a header of {length} bytes, at most {_LONGEST_HEADER} are allowed")
+    about = ast.literal_eval(file.read(length).decode().strip())
+    kind, shape = about["descr"], tuple(about["shape"])
+    kind = kind if isinstance(kind, str) else repr(kind)
+    if _OBJECTS.search(repr(kind) if "'" not in kind else kind):
         problem = f"array {name!r} holds Python objects: loading them runs whatever code the file names"
         raise LogError(path, "unsafe", f"{problem}; save plain numbers")
-    return shape, by_columns, dtype
+    if not all(type(side) is int and side >= 0 for side in shape):
+        raise ValueError(f"a shape of {shape!r}")
+    return _Array(kind, bool(about["fortran_order"]), shape)
+
+
+def _as_ours(path: Path, member: str, error: BaseException) -> LogError:
+    if isinstance(error, LogError):
+        return error
+    return LogCorrupt(path, "corrupt", f"array {member!r} is not whole: {error}")

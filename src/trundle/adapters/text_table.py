@@ -49,7 +49,8 @@ class TextTable:
 
     UTF-8, and UTF-16 with a byte order mark. Lines end with LF or CR LF. Cells may be quoted as in
     RFC 4180, but a quoted cell ends with its line, so that a quote which is never closed costs one
-    line and not the rest of the file. Empty lines and comments do not count.
+    line and not the rest of the file. Empty lines and comments do not count. A last line that does not end is
+    left out: a file that was cut inside a number still holds a number there, another one.
     """
 
     def __init__(self, path: Path, table_format: TableFormat) -> None:
@@ -154,7 +155,7 @@ class _Reading:
     def rows(self) -> Rows:
         arrow = _Arrow.for_table(self.table, self.wanted, self.places) if not self.held else None
         parts: list[Columns] = []
-        for first, block in self.table.blocks():
+        for first, block in self._finished(self.table.blocks()):
             columns = arrow.columns(block) if arrow and self.table.is_usual(block) else None
             if columns is None:
                 columns = self._parsed(self._shaped(self.table.lines(first, block)))
@@ -163,6 +164,15 @@ class _Reading:
         columns = [np.concatenate(pieces) for pieces in zip(*parts, strict=True)]
         self._check(len(columns[0]) if columns else 0)
         return Rows(tuple(columns), self.rejected, self._warnings())
+
+    def _finished(self, blocks: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
+        """Lines that end. Of one that does not, the last number may be cut and still look like a number."""
+        for first, block in blocks:
+            *whole, rest = block.rpartition(b"\n")
+            last = first + block.count(b"\n")
+            if self.table.lines(last, rest):
+                self._reject(last, "unfinished", "the file ends inside it, so its last number may be cut")
+            yield first, b"".join(whole)
 
     def _shaped(self, lines: list[Line]) -> list[Line]:
         """The lines with as many cells as the table has columns, held values filled in."""
