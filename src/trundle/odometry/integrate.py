@@ -489,7 +489,7 @@ def _blocks(robots: int, steps: int, span: int) -> Iterator[tuple[slice, list[sl
 
     Blocks of rows share their end points.
     """
-    size = max(1, 2 * BLOCK // max(min(steps, span), 1))
+    size = max(1, 4 * BLOCK // max(min(steps, span), 1))
     rows = [slice(row, min(row + span, steps - 1) + 1) for row in range(0, steps - 1, span)]
     for first in range(0, robots, size):
         yield slice(first, first + size), rows
@@ -506,7 +506,7 @@ def _in_blocks(
     """The walk by arrays; the state is passed on from block to block."""
     robots, steps, _ = positions.shape
     # The symmetric correction looks ahead, so its steps stay together.
-    span = max(steps, 1) if way is Integrator.SYMMETRIC else 2 * BLOCK
+    span = max(steps, 1) if way is Integrator.SYMMETRIC else 4 * BLOCK
     poses[:, :1] = 0.0
     for group, blocks in _blocks(robots, steps, span):
         start: Sequence[Any] = (0.0, 0.0, 0.0)
@@ -546,7 +546,7 @@ def _compiled(
         return
     robots, steps, _ = positions.shape
     body = np.zeros((robots, steps, 3))
-    for group, blocks in _blocks(robots, steps, 2 * BLOCK):
+    for group, blocks in _blocks(robots, steps, 4 * BLOCK):
         for rows in blocks:
             angles = None if steering is None else steering[group, rows]
             for k, part in enumerate(_steps(standard, drive, positions[group, rows], angles)):

@@ -42,7 +42,7 @@ def corrected(
     ax, ay, at = (_shifted(xp, part, None if before is None else before[k]) for k, part in enumerate(step))
     past_x, past_y = _commutator((ax, ay, at), step)
     if elapsed is None and integrator is Integrator.ARC_PLUS:
-        return dx + past_x / 12.0, dy + past_y / 12.0, dt
+        return dx + past_x * (1.0 / 12.0), dy + past_y * (1.0 / 12.0), dt
     if elapsed is None:
         elapsed = xp.ones_like(dt)
     h0 = _shifted(xp, elapsed, elapsed[..., :1] if before is None else before[3])
@@ -73,15 +73,13 @@ def poses(xp: Any, step: Columns, integrator: Integrator, start: Columns) -> tup
         start: Pose before the first, three floats or arrays (..., 1).
     """
     dx, dy, dt = step
+    half = 0.5 * dt
     heading = start[2] + xp.cumulative_sum(dt, axis=-1)
-    toward = heading - (dt if integrator is Integrator.EULER else 0.5 * dt)
-    c, s = _direction(xp, toward)
-    if integrator not in (Integrator.EULER, Integrator.MIDPOINT):
-        chord = se2.sinc(0.5 * dt)
-        c, s = c * chord, s * chord
-    x = start[0] + xp.cumulative_sum(c * dx - s * dy, axis=-1)
-    y = start[1] + xp.cumulative_sum(s * dx + c * dy, axis=-1)
-    return x, y, heading
+    straight = integrator in (Integrator.EULER, Integrator.MIDPOINT)
+    chord = 1.0 if straight else se2.sinc(half)
+    c, s = _direction(xp, heading - (dt if integrator is Integrator.EULER else half), chord)
+    x, y = _two_sums(xp, c * dx - s * dy, s * dx + c * dy)
+    return start[0] + x, start[1] + y, heading
 
 
 def covariances(xp: Any, step: Columns, noise: Six, pose: Columns, before: Six, origin: Columns) -> Six:
@@ -139,7 +137,7 @@ def drifts(
     dx, dy, dt = step
     x, y, heading = pose
     # Each acts where the step was at its middle.
-    c, s = _direction(xp, heading - 0.5 * dt)
+    c, s = _direction(xp, heading - 0.5 * dt, 1.0)
     x, y = x - 0.5 * (c * dx - s * dy), y - 0.5 * (s * dx + c * dy)
     found: list[Columns] = []
     for (px, py, pt), start in zip(changes, before, strict=True):
@@ -160,14 +158,27 @@ def with_drifts(xp: Any, six: Six, sums: Sequence[Columns], pose: Columns) -> Si
     return weighted_sum([1.0] * len(terms), terms)
 
 
-def _direction(xp: Any, angle: Array) -> tuple[Array, Array]:
-    """cos and sin. NumPy's tangent is six times as fast as its sine, and exact enough to stand for both."""
+def _direction(xp: Any, angle: Array, length: Array | float) -> tuple[Array, Array]:
+    """A length in this direction, along x and y.
+
+    NumPy's tangent is six times as fast as its sine, and exact enough to stand for both.
+    """
     if not is_numpy_array(angle):
-        return xp.cos(angle), xp.sin(angle)
+        return length * xp.cos(angle), length * xp.sin(angle)
     t = np.tan(0.5 * angle)
     square = t * t
-    scale = 1.0 / (1.0 + square)
-    return (1.0 - square) * scale, 2.0 * t * scale
+    scale = length / (1.0 + square)
+    return (1.0 - square) * scale, (t + t) * scale
+
+
+def _two_sums(xp: Any, x: Array, y: Array) -> tuple[Array, Array]:
+    """Running sums. Each waits for the one before it, and NumPy's complex ones wait for two at a time."""
+    if not is_numpy_array(x):
+        return xp.cumulative_sum(x, axis=-1), xp.cumulative_sum(y, axis=-1)
+    both = np.empty(x.shape, dtype=np.result_type(x, np.complex64))
+    both.real, both.imag = x, y
+    both = np.cumsum(both, axis=-1)
+    return both.real, both.imag
 
 
 def _shifted(xp: Any, part: Array, first: Array | None) -> Array:
