@@ -6,6 +6,7 @@ Wheel positions are exact (Gauss quadrature of the twist), so what is left is in
 from __future__ import annotations
 
 import math
+import tracemalloc
 from itertools import pairwise
 
 import numpy as np
@@ -196,3 +197,75 @@ def test_time_reversal(integrator: str) -> None:
     back = integrate_batch(DIFF, positions[::-1], integrator=integrator)
     relative = se2.compose(se2.inverse(there[-1]), there)
     assert np.abs(back[::-1] - relative).max() < 1e-9
+
+
+# --- a day of it -------------------------------------------------------------------------------------------
+
+# What the wheels turn in a millisecond [rad]; its sums are exact.
+LEFT, RIGHT = 2.0**-6, 2.0**-6 + 2.0**-10
+
+
+def a_day(samples: int, odometry: tr.WheelOdometry, begun: int = 0) -> Pose2D:
+    """Samples at 1 kHz of a robot that circles."""
+    update = odometry.update
+    for k in range(begun, samples):
+        update(time_ns=k * 1_000_000, positions=(k * LEFT, k * RIGHT))
+    return odometry.state.pose
+
+
+def on_the_circle(samples: int) -> Pose2D:
+    """Where exact arithmetic ends with the same steps."""
+    mpmath = pytest.importorskip("mpmath")
+    dx, _, dt = DIFF.displacement([LEFT, RIGHT])
+    with mpmath.workdps(50):
+        turn = mpmath.mpf(dt) * (samples - 1)
+        radius = mpmath.mpf(dx) / mpmath.mpf(dt)
+        return Pose2D(float(radius * mpmath.sin(turn)), float(radius * (1 - mpmath.cos(turn))), float(turn))
+
+
+def test_a_short_day_adds_up() -> None:
+    count = 200_000
+    pose = a_day(count, tr.WheelOdometry(DIFF, covariance=False))
+    wanted = on_the_circle(count)
+    assert math.hypot(pose.x - wanted.x, pose.y - wanted.y) < 1e-9
+    assert abs(pose.theta - wanted.theta) < 1e-10
+
+
+def s26() -> None:
+    """24 h at 1 kHz: nothing grows, and rounding stays far below a micrometre; here a minute of it."""
+    odometry = tr.WheelOdometry(DIFF)
+    a_day(10_000, odometry)
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        a_day(70_000, odometry, begun=10_000)
+        after, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert after - before < 16 * 1024
+    pose, wanted = odometry.state.pose, on_the_circle(70_000)
+    assert math.hypot(pose.x - wanted.x, pose.y - wanted.y) < 1e-9
+    assert np.linalg.eigvalsh(np.array(odometry.state.covariance))[0] > 0.0
+
+
+@pytest.mark.parametrize("check", [pytest.param(s26, id="S26")])
+def test_fault(check) -> None:
+    check()
+
+
+@pytest.mark.verify
+def test_a_whole_day() -> None:
+    """S26 in full: 86.4 million samples; some minutes."""
+    resource = pytest.importorskip("resource")
+    odometry, count = tr.WheelOdometry(DIFF, covariance=False), 86_400_000
+    a_day(100_000, odometry)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    pose = a_day(count, odometry, begun=100_000)
+    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    wanted = on_the_circle(count)
+    error = math.hypot(pose.x - wanted.x, pose.y - wanted.y)
+    print(
+        f"24 h at 1 kHz: off by {error:.2g} m and {abs(pose.theta - wanted.theta):.2g} rad, grown {grown} KiB"
+    )
+    assert error < 1e-6
+    assert grown <= 1024

@@ -22,6 +22,7 @@ from trundle.adapters.quantity import (
 from trundle.adapters.typed_section import check_keys, read_list, read_mapping, read_struct, shown
 from trundle.errors import ConfigError, did_you_mean
 from trundle.robot import DRIVES, Custom, Encoder, Kinematics, Limits, LogMapping, Noise, Robot, Wheel
+from trundle.robot.description import UNMEASURED
 from trundle.robot.log_mapping import ReferenceMapping, ScalarMapping, WheelMapping
 
 __all__ = ["SECTIONS", "robot_from_data", "robot_to_data"]
@@ -60,7 +61,9 @@ def robot_from_data(data: Any) -> Robot:
         name=name,
         encoders=_read_encoders(sections.get("encoders", {}), both),
         limits=limits,
-        noise=read_struct("noise", sections.get("noise", {}), Noise, {"steering": ANGLE}),
+        noise=read_struct("noise", sections["noise"], Noise, {"steering": ANGLE})
+        if "noise" in sections
+        else UNMEASURED,
         log=_read_log(sections.get("log", {}), both),
         localizer=localizer,
     )
@@ -305,7 +308,9 @@ def robot_to_data(robot: Robot) -> Data:
         "localizer": None if robot.localizer is None else _drive_data(robot.localizer, robot.limits),
         "encoders": _encoder_data(robot),
         "limits": _changed(robot.limits),
-        "noise": noise,
+        "noise": None
+        if robot.noise == UNMEASURED
+        else noise or {"wheel_distance": robot.noise.wheel_distance},
         "log": log,
     }
     return {key: value for key, value in sections.items() if value not in (None, {})}

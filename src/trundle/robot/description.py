@@ -12,7 +12,7 @@ from trundle.errors import ConfigError, InputError, require_finite, require_posi
 from trundle.robot.kinematics import Kinematics
 from trundle.robot.log_mapping import LogMapping
 
-__all__ = ["Encoder", "Limits", "Noise", "Robot"]
+__all__ = ["UNMEASURED", "Encoder", "Limits", "Noise", "Robot"]
 
 
 class Encoder(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -96,6 +96,9 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How far readings and assumptions are off, as standard deviations.
 
+    What is given is taken at its word, and what is not given is left out. A robot that says nothing
+    about its noise has that of `UNMEASURED`.
+
     Attributes:
         wheel_distance: Of the distance a wheel rolled, after one metre; it grows with the square
             root of the distance [m per sqrt(m)].
@@ -120,6 +123,13 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
                 raise ConfigError(field, f"{getattr(self, field):g}, must be >= 0")
 
 
+UNMEASURED = Noise(wheel_distance=0.01, lateral_slip=0.01, wheel_radius=0.005, track_width=0.03)
+"""The noise of a robot whose wheels were measured with a ruler and whose odometry was never judged.
+
+It fits five robots that others recorded (docs/uncertainty.md); each of them is better or worse by itself.
+"""
+
+
 class Robot(msgspec.Struct, frozen=True, kw_only=True):
     """A robot: nothing here is state, everything is description.
 
@@ -128,7 +138,7 @@ class Robot(msgspec.Struct, frozen=True, kw_only=True):
         name: For people.
         encoders: By wheel name; a wheel without one is read in radians only.
         limits: What commands may ask for.
-        noise: How far readings are off.
+        noise: How far readings are off; `UNMEASURED` where nobody says.
         log: How its logs say what was measured.
         localizer: Other wheels that measure in the drive's place, or None.
     """
@@ -137,7 +147,7 @@ class Robot(msgspec.Struct, frozen=True, kw_only=True):
     name: str = "robot"
     encoders: Mapping[str, Encoder] = {}
     limits: Limits = Limits()
-    noise: Noise = Noise()
+    noise: Noise = UNMEASURED
     log: LogMapping = LogMapping()
     localizer: Kinematics | None = None
 
