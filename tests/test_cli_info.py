@@ -138,7 +138,7 @@ def test_proposals_for_tables(capsys, tmp_path, name, robot_known):
 
 def test_steering_of_a_table_without_header(capsys, tmp_path):
     rows = [f"{0.1 * k:.1f},{1 + k % 3},{0.3 * np.sin(k):.4f}" for k in range(40)]
-    (tmp_path / "run.csv").write_text("\n".join(rows))
+    (tmp_path / "run.csv").write_text("\n".join(rows) + "\n")
     tricycle = (
         "drive: {type: tricycle, wheelbase: 0.3, wheel_radius: 0.05}\nencoders: {ticks_per_revolution: 9}\n"
     )
@@ -154,7 +154,7 @@ def test_steering_of_a_table_without_header(capsys, tmp_path):
 def test_rhythm_of_a_log(capsys, tmp_path):
     times = [0.0, 0.1, 0.2, 0.3, 0.3, 0.4, 2.4, 2.5, 2.45, 2.6, 2.7]
     rows = ["time,left.position", *(f"{t},{k}" for k, t in enumerate(times))]
-    (tmp_path / "run.csv").write_text("\n".join(rows))
+    (tmp_path / "run.csv").write_text("\n".join(rows) + "\n")
     assert main(["info", str(tmp_path / "run.csv")]) == 0
     out = capsys.readouterr().out
     assert "1 gap, the longest 2.00 s at 0.400 s" in out
@@ -163,7 +163,7 @@ def test_rhythm_of_a_log(capsys, tmp_path):
 
 def test_columns_of_words_and_unreadable_cells(capsys, tmp_path):
     rows = ["time,note,left.position", *(f"{k},fine,{'x' if k == 7 else k}" for k in range(20))]
-    (tmp_path / "run.csv").write_text("\n".join(rows))
+    (tmp_path / "run.csv").write_text("\n".join(rows) + "\n")
     assert main(["info", str(tmp_path / "run.csv")]) == 0
     lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines() if line.strip()}
     assert lines["note"].endswith("text")

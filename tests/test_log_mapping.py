@@ -246,7 +246,7 @@ def test_mounted_reference_becomes_that_of_the_base(tmp_path_factory, mounting):
     reference = ReferenceMapping(
         columns=("x", "y", "a"), unit=Unit.MM, angle_unit=Unit.DEG, mounting=mounting
     )
-    path = write(folder, "\n".join(["time,left.position,right.position,x,y,a", *rows]))
+    path = write(folder, "\n".join(["time,left.position,right.position,x,y,a", *rows, ""]))
     log = read_log(path, robot(reference=reference))
     np.testing.assert_allclose(log.reference.poses, base, atol=1e-12)
     assert log.reference.child_frame == "base_link"
