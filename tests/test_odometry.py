@@ -279,6 +279,16 @@ def test_velocities_are_integrated_by_the_trapezoid() -> None:
     assert state.twist.vx == pytest.approx(10.0 * R)
 
 
+def test_jittered_stamps_do_not_stretch_the_noise_of_velocities() -> None:
+    """A sample 10 us after the last says nothing of how the speed bends over the next 40 ms."""
+    speeds = [(10.0, 12.0), (10.1, 11.9), (9.9, 12.1), (10.05, 11.95), (9.95, 12.05)]
+    odometry = WheelOdometry(DIFF)
+    for time, pair in zip((0.0, 0.02, 0.04, 0.04001, 0.08), speeds, strict=True):
+        state = odometry.update(time, velocities=pair)
+    assert state.pose.theta == pytest.approx(0.08 * 2.0 * R / TRACK, rel=0.1)
+    assert state.pose.x == pytest.approx(0.08 * 11.0 * R, rel=0.02)
+
+
 def test_a_published_twist_is_a_reading_too() -> None:
     time_ns = np.arange(101) * 10_000_000
     twists = np.tile([1.0, 0.0, 1.0], (101, 1))

@@ -67,5 +67,8 @@ def mean_rate(earlier: Any, then: Any, now: Any, before: Any, elapsed: Any) -> A
     Source:
         Adams and Moulton 1883, third order, for unequal steps.
     """
-    bend = (now - then) / elapsed - (then - earlier) / before
+    # A sample much nearer than the step is long says nothing of how the rate bends: the slope between
+    # the two is their noise, and the parabola would stretch it over the whole step.
+    near = elapsed <= 2.0 * before
+    bend = near * ((now - then) / elapsed - (then - earlier) / before)
     return 0.5 * (then + now) - elapsed * elapsed / (6.0 * (before + elapsed)) * bend
