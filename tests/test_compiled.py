@@ -126,3 +126,26 @@ def test_works_without_numba(monkeypatch):
         np.testing.assert_array_equal(tr.integrate_batch(drive, positions), wanted)
     finally:
         compiled.available.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("series", "function", "greatest"),
+    [
+        (compiled._SINE, lambda mp, z: mp.sinc(mp.sqrt(z)), "pi / 4"),
+        (compiled._COSINE, lambda mp, z: mp.cos(mp.sqrt(z)), "pi / 4"),
+        (compiled._CHORD, lambda mp, z: mp.sinc(4 * mp.sqrt(z)), "1 / 16"),
+    ],
+    ids=["sine", "cosine", "chord"],
+)
+def test_series_meet_their_functions(series, function, greatest):
+    """Interpolation at the Chebyshev nodes gives these coefficients, and an error below 1e-16."""
+    mp = pytest.importorskip("mpmath").MPContext()
+    mp.prec = 400
+    count = len(series)
+    range_of_z = (mp.pi / 4 if "pi" in greatest else mp.mpf(1) / 16) ** 2
+    nodes = [range_of_z * (1 + mp.cos(mp.pi * (2 * k + 1) / (2 * count))) / 2 for k in range(count)]
+    powers = mp.matrix([[z**n for n in range(count)] for z in nodes])
+    found = mp.lu_solve(powers, mp.matrix([function(mp, z) for z in nodes]))
+    assert [float(value) for value in found] == list(series)
+    for z in mp.linspace(range_of_z / 1000, range_of_z, 200):
+        assert abs(sum(mp.mpf(c) * z**n for n, c in enumerate(series)) - function(mp, z)) < 1e-16

@@ -40,11 +40,33 @@ disk.
 
 BLOCK = 128  # steps: their columns take 5 KiB, so that memory is asked in small portions, between arithmetic
 
-# Taylor series in z = angle^2, |angle| <= pi/4: the first terms left out are below 1e-16.
-_SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(8))
-_COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(9))
-# sinc(4 t) for eighths t of a turn below half a radian: the first left out is below 1e-17.
-_CHORD = tuple((-16.0) ** k / math.factorial(2 * k + 1) for k in range(6))
+# Series in z = angle^2 that meet the function at the Chebyshev nodes of their range, where Taylor's would
+# need a term or two more; off by less than 1e-16. tests/test_compiled.py finds them again.
+_SINE = (  # sin(a) / a, a up to pi/4
+    1.0,
+    -0.16666666666666616,
+    0.008333333333320363,
+    -0.000198412698286503,
+    2.755731337640013e-06,
+    -2.5050716974102745e-08,
+    1.5894736651849094e-10,
+)
+_COSINE = (  # cos(a), a up to pi/4
+    1.0,
+    -0.4999999999999925,
+    0.041666666666472306,
+    -0.0013888888869978658,
+    2.4801578538562985e-05,
+    -2.755523388484742e-07,
+    2.0630454379662294e-09,
+)
+_CHORD = (  # sin(4 t) / (4 t), eighths t of a turn up to half a radian
+    1.0,
+    -2.66666666666607,
+    2.133333332111249,
+    -0.8126975366270509,
+    0.1803432806236089,
+)
 _WIDEST = 1.0 / 16.0
 
 # A quarter turn of the circle, pi/2 = _TURN + _TURN_REST: k * _TURN is exact for |k| < 2^20 (Cody and
@@ -199,11 +221,9 @@ def _direction(quarter: float, length: float) -> tuple[float, float]:
     k = np.rint(quarter * (2.0 / math.pi))
     a = (quarter - k * _TURN) - k * _TURN_REST
     z = a * a
-    s, c = _SINE[7], _COSINE[8]
-    for n in range(6, -1, -1):
-        s = s * z + _SINE[n]
-    for n in range(7, -1, -1):
-        c = c * z + _COSINE[n]
+    s, c = _SINE[6], _COSINE[6]
+    for n in range(5, -1, -1):
+        s, c = s * z + _SINE[n], c * z + _COSINE[n]
     # Twice: sin 2a = 2 s c, cos 2a = 1 - 2 s^2.
     s *= a
     s, c = 2.0 * s * c, 1.0 - 2.0 * s * s
@@ -213,8 +233,8 @@ def _direction(quarter: float, length: float) -> tuple[float, float]:
 
 def _chord(z: float) -> float:
     """sinc(4 t) from t^2."""
-    length = _CHORD[5]
-    for n in range(4, -1, -1):
+    length = _CHORD[4]
+    for n in range(3, -1, -1):
         length = length * z + _CHORD[n]
     return length
 

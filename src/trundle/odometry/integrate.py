@@ -542,7 +542,8 @@ def _compiled(
 ) -> None:
     """The walk by Numba: from the wheels where one matrix serves for all steps, else from the body."""
     if not drive.steered_names and not drive.gyro:
-        compiled.walk(list(zip(*drive.jacobian(), strict=True)), positions, time_ns, way, poses)
+        units = np.eye(positions.shape[-1]).tolist()
+        compiled.walk([drive.displacement(unit) for unit in units], positions, time_ns, way, poses)
         return
     robots, steps, _ = positions.shape
     body = np.zeros((robots, steps, 3))
