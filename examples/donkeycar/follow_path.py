@@ -23,7 +23,7 @@ from donkeycar.vehicle import Vehicle
 from trundle.adapters.myconfig import robot_from_myconfig
 from trundle.donkeycar import Bicycle, UnnormalizeSteeringAngle
 from trundle.geometry import Pose2D, Twist2D
-from trundle.robot import Robot
+from trundle.robot import Noise, Robot
 from trundle.simulate import SimulatedRobot
 
 PERIOD = 0.05  # s, donkeycar's 20 turns of the loop per second
@@ -55,7 +55,7 @@ class Car:
 
     def __init__(self, robot: Robot, seed: int) -> None:
         self.robot = robot
-        self.simulated = SimulatedRobot(robot, seed=seed, lag=0.1, max_steering_rate=6.0)
+        self.simulated = SimulatedRobot(robot, seed=seed, noise=Noise(), lag=0.1, max_steering_rate=6.0)
         self.front = Pose2D(robot.drive.wheel("front").x, 0.0, 0.0)
         self.places: list[tuple[float, float]] = []
 
