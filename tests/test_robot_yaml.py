@@ -206,7 +206,11 @@ def test_description_of_the_face(tmp_path):
 def test_defaults_are_filled_in():
     robot = read(LEAST)
     assert (robot.name, robot.encoders, robot.localizer) == ("robot", {}, None)
-    assert (robot.limits, robot.noise, robot.log) == (tr.Limits(), tr.Robot(drive=robot.drive).noise, LogMapping())
+    assert (robot.limits, robot.noise, robot.log) == (
+        tr.Limits(),
+        tr.Robot(drive=robot.drive).noise,
+        LogMapping(),
+    )
     assert robot.limits.command_timeout == 0.5
 
 

@@ -95,9 +95,7 @@ def open_table(path: str | os.PathLike[str], table_format: TableFormat | None = 
         from trundle.adapters.npz_table import NpzTable
 
         return NpzTable(path)
-    raise LogError(
-        path, "format", f"is {content.value}, must be a table (text, Parquet or NumPy archive)"
-    )
+    raise LogError(path, "format", f"is {content.value}, must be a table (text, Parquet or NumPy archive)")
 
 
 def column_index(path: Path, names: Sequence[ColumnName], column: ColumnName, hint: str = "") -> int:
