@@ -50,6 +50,7 @@ EDGE = {"adapters", "apps", "donkeycar", "trundle", "__main__"}
 FAULT_ROWS = {
     2: "C1 C2 C3 C4 C5 C6 C7 C8 C9 C10  S1 S2 S3 S4 S5 S6 S9 S10 S17 S18  L1 L7 L8 L9 L10 L11  X2 X3 X4",
     3: "K1 K2 K3 K4 K5 K6 K7 K8 K9 K10 K11 K13 K14 K15",
+    4: "S7 S8 S11 S12 S13 S14 S16 S19 S20 S21 S26",
     5: "L2 L3 L4 L5 L6 L12 L13 L14 L16 L17 L18 L19  D3 D5  X1 X5",
 }
 FAULT_CHAPTERS = {"C": 12, "S": 26, "L": 19, "K": 15, "B": 8, "W": 10, "R": 6, "D": 5, "X": 5}

@@ -439,7 +439,7 @@ class AnySequence(RuleBasedStateMachine):
         self.robot, self.faults = Robot(name, seed), recoverable(name)
         self.model, self.odometry = WheelOdometry(robot), WheelOdometry(robot)
         self.before = self.robot.shown(self.robot.last)
-        self.offered = 1
+        self.offered, self.settled = 1, True
         for odometry in (self.model, self.odometry):
             self.before.give(odometry)
 
@@ -447,6 +447,7 @@ class AnySequence(RuleBasedStateMachine):
         wanted, state = sample.give(self.model), sample.give(self.odometry)
         self.offered += 1
         assert (state.accepted, state.reason) == (wanted.accepted, wanted.reason)
+        self.settled = state.accepted
         if state.accepted:
             self.before = sample
 
@@ -457,8 +458,8 @@ class AnySequence(RuleBasedStateMachine):
 
     @rule(data=st.data())
     def fault(self, data: Any) -> None:
-        if self.odometry.state.reason in ("implausible", "jump"):
-            return  # several in a row are the new normal
+        if not self.settled:
+            return  # the counters began anew, and one implausible sample more would count
         make, reason = data.draw(st.sampled_from(self.faults))
         sample = self.robot.next()
         if not 0 < sample.time_ns - self.before.time_ns < 900_000_000:
@@ -471,6 +472,7 @@ class AnySequence(RuleBasedStateMachine):
     @rule(which=st.sampled_from(["pause", "new_clock", "new_counters", "lost_counts"]))
     def event(self, which: str) -> None:
         getattr(self.robot, which)()
+        self.settled = False
 
     @rule(x=st.floats(-1e3, 1e3), theta=st.floats(-10.0, 10.0))
     def reset(self, x: float, theta: float) -> None:

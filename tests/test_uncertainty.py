@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from array_api_compat import numpy as standard  # the array API, on NumPy 1.26 too
 
 import trundle as tr
+from trundle.adapters.log import read_log
+from trundle.adapters.robot_yaml import load_robot
+from trundle.evaluate import associate, nees, since_start
 from trundle.geometry import se2
 from trundle.odometry import path
 from trundle.odometry.covariance import ZERO, mean_offset
@@ -176,3 +180,46 @@ def test_ticks_leave_a_bounded_doubt() -> None:
     assert 0.3 < ratio < 1.3  # never too sure
     heading = np.array(errors)[:, 2]
     assert np.std(heading) == pytest.approx(math.sqrt(covariances[0][2, 2]), rel=0.15)
+
+
+# --- honest on what others recorded ------------------------------------------------------------------------
+
+RECORDINGS = {
+    "optiodom_diff": "optiodom/diff/*/*/*_run-*.csv",
+    "optiodom_tricyc": "optiodom/tricyc/*/*/*_run-*.csv",
+    "optiodom_omni3": "optiodom/omni3/*/*/*_run-*.csv",
+    "optiodom_omni4": "optiodom/omni4/*/*/*_run-*.csv",
+    "polimi_mecanum": "polimi_mecanum/*.bag",
+}
+
+
+def normalised_errors(name: str, folder: Path) -> tuple[list[float], list[float]]:
+    """Per run, NEES/3 at its end, and its mean from one metre on: since the start, where both agree."""
+    robot = load_robot(Path(__file__).parent / "recordings" / f"{name}.yaml")
+    at_end, on_the_way = [], []
+    for run in sorted(folder.glob(RECORDINGS[name])):
+        log = read_log(run, robot)
+        estimate, reference = associate(tr.integrate(robot, log), log.reference)
+        estimate, reference = since_start(estimate), since_start(reference)
+        errors = nees(estimate, reference) / 3.0
+        way = np.append(0.0, np.cumsum(np.hypot(*np.diff(estimate.poses[:, :2], axis=0).T)))
+        at_end.append(float(errors[-1]))
+        on_the_way.append(float(np.nanmean(errors[way > 1.0])))
+    return at_end, on_the_way
+
+
+def test_defaults_are_honest_on_the_recordings(shared_data) -> None:
+    """Robots that nobody calibrated, by the noise of a description that says none: docs/uncertainty.md."""
+    medians = []
+    for name, files in RECORDINGS.items():
+        at_end, on_the_way = normalised_errors(name, shared_data)
+        if not at_end:
+            pytest.skip(f"{files} is not on this machine")
+        medians.append(float(np.median(at_end)))
+        print(
+            f"| {name} | {len(at_end)} | {np.median(at_end):.2f} | {max(at_end):.2f} "
+            f"| {np.median(on_the_way):.2f} |"
+        )
+    assert 0.3 < np.median(medians) < 3.0
+    assert min(medians) > 0.01
+    assert max(medians) < 10.0

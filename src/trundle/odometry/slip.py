@@ -19,7 +19,7 @@ from trundle.robot.least_squares import minimise
 from trundle.robot.rows import Row, contact, rolling
 from trundle.robot.solver import Gains
 
-__all__ = ["SlipMonitor", "slip_monitor", "threshold"]
+__all__ = ["PER_METRE", "SlipMonitor", "slip_monitor", "threshold"]
 
 Number = Any
 Vector = Sequence[Number]

@@ -123,7 +123,7 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
                 raise ConfigError(field, f"{getattr(self, field):g}, must be >= 0")
 
 
-UNMEASURED = Noise(wheel_distance=0.01, lateral_slip=0.01, wheel_radius=0.005, track_width=0.03)
+UNMEASURED = Noise(wheel_distance=0.01, lateral_slip=0.01, wheel_radius=0.005, track_width=0.05)
 """The noise of a robot whose wheels were measured with a ruler and whose odometry was never judged.
 
 It fits five robots that others recorded (docs/uncertainty.md); each of them is better or worse by itself.
