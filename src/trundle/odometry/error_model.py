@@ -127,7 +127,8 @@ class ErrorModel:
         if scale:
             for column, radius, angle in zip(gains[0].rolling, self._radii, turned, strict=True):
                 distance = scale * radius * angle
-                found.append([part * distance for part in column])
+                x, y, theta = column
+                found.append((x * distance, y * distance, theta * distance))
         if self._noise.track_width:
             by_wheels = step[2] if turn is None else step[2] - gains[0].gyro[0][2] * turn
             found.append([0.0 * step[2], 0.0 * step[2], -self._noise.track_width * by_wheels])

@@ -25,6 +25,7 @@ from trundle.odometry.covariance import (
     mean_offset,
     outer,
     propagate,
+    rotated,
     weighted_sum,
 )
 from trundle.odometry.encoder_counts import count_difference, whole_count
@@ -631,10 +632,17 @@ class WheelOdometry:
         if self._drifts:
             x, y = self._far_x + self._x, self._far_y + self._y
             heading = self._toward + self._theta
-            c, s = cos(heading), sin(heading)
-            levers = [(gx - y * gt, gy + x * gt, gt) for gx, gy, gt in self._drifts]
-            here = [(c * ux + s * uy, c * uy - s * ux, gt) for ux, uy, gt in levers]
-            six = weighted_sum([1.0] * (len(here) + 1), [six, *map(outer, here)])
+            xx = xy = yy = xt = yt = tt = 0.0
+            for gx, gy, gt in self._drifts:
+                ux, uy = gx - y * gt, gy + x * gt
+                xx += ux * ux
+                xy += ux * uy
+                yy += uy * uy
+                xt += ux * gt
+                yt += uy * gt
+                tt += gt * gt
+            drifted = rotated((xx, xy, yy, xt, yt, tt), cos(heading), -sin(heading))
+            six = weighted_sum((1.0, 1.0), (six, drifted))
         return six
 
     def _fold(self) -> None:
