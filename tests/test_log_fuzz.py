@@ -57,14 +57,6 @@ def table(folder: Path) -> bytes:
     return "\n".join(["time,left.position,right.position", *cells, ""]).encode()
 
 
-def json_lines(folder: Path) -> bytes:
-    rows = zip(STAMPS, TURNED, strict=True)
-    return "".join(
-        f'{{"time": {ns * 1e-9}, "left.position": {left}, "right": {{"position": {right}}}}}\n'
-        for ns, (left, right) in rows
-    ).encode()
-
-
 def columns() -> dict[str, np.ndarray]:
     return {"time": STAMPS * 1e-9, "left.position": TURNED[:, 0], "right.position": TURNED[:, 1]}
 
@@ -173,7 +165,6 @@ def parse_tub(path: Path) -> None:
 
 PARSERS: dict[str, tuple[str, Callable[[Path], bytes], Callable[[Path], object]]] = {
     "csv": (".csv", table, parse_log),
-    "json": (".jsonl", json_lines, parse_log),
     "npz": (".npz", npz, parse_log),
     "npy": (".npy", npy, parse_npy),
     "parquet": (".parquet", parquet, parse_log),

@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from trundle.errors import LogCorrupt, LogError
 
-__all__ = ["GZIP_MAGIC", "TAR_MAGIC", "TAR_MAGIC_AT", "ZIP_MAGICS", "is_inside", "tar_names", "zip_names"]
+__all__ = ["GZIP_MAGIC", "ZIP_MAGICS", "is_inside", "tar_names", "zip_names"]
 
 GZIP_MAGIC = b"\x1f\x8b"
 ZIP_MAGICS = (b"PK\x03\x04", b"PK\x05\x06")
