@@ -57,6 +57,14 @@ def table(folder: Path) -> bytes:
     return "\n".join(["time,left.position,right.position", *cells, ""]).encode()
 
 
+def json_lines(folder: Path) -> bytes:
+    rows = zip(STAMPS, TURNED, strict=True)
+    return "".join(
+        f'{{"time": {ns * 1e-9}, "left.position": {left}, "right": {{"position": {right}}}}}\n'
+        for ns, (left, right) in rows
+    ).encode()
+
+
 def columns() -> dict[str, np.ndarray]:
     return {"time": STAMPS * 1e-9, "left.position": TURNED[:, 0], "right.position": TURNED[:, 1]}
 
@@ -165,6 +173,7 @@ def parse_tub(path: Path) -> None:
 
 PARSERS: dict[str, tuple[str, Callable[[Path], bytes], Callable[[Path], object]]] = {
     "csv": (".csv", table, parse_log),
+    "json": (".jsonl", json_lines, parse_log),
     "npz": (".npz", npz, parse_log),
     "npy": (".npy", npy, parse_npy),
     "parquet": (".parquet", parquet, parse_log),
@@ -274,5 +283,6 @@ def test_fuzzed_for_a_minute(name):
     done = subprocess.run(
         [sys.executable, FUZZER, name, str(SECONDS)], check=False, capture_output=True, text=True
     )
-    print(done.stdout.strip())
+    counted = [line for line in done.stderr.splitlines() if line.startswith("Done ")]
+    print(done.stdout.strip() or f"{name} by atheris: {' '.join(counted)}")
     assert done.returncode == 0, done.stderr[-3000:]

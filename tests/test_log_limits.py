@@ -1,0 +1,290 @@
+"""Large logs, bombs and cut tables: what they take, and what is left of them."""
+
+from __future__ import annotations
+
+import bz2
+import io
+import json
+import struct
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from backports import zstd
+from lz4 import frame
+from rosbags.typesys import Stores, get_typestore
+
+from trundle.adapters.log import read_log
+from trundle.adapters.mcap_writer import Channel, McapWriter
+from trundle.errors import LogError
+from trundle.robot import Differential
+
+MOST_MEMORY = 300  # MiB
+MOST_SECONDS = 2.0
+DRIVE = Differential(track_width=0.2, wheel_radius=0.04)
+ROBOT = """\
+drive: {type: differential, track_width: 0.2, wheel_radius: 0.04}
+log:
+  wheels:
+    left: {topic: /joint_states, name: left}
+    right: {topic: /joint_states, name: right}
+"""
+# A process of its own says what its work took: the greatest part of memory that was ever resident.
+MEASURED = """\
+import json, sys, time
+from trundle.apps.cli import main
+begin = time.perf_counter()
+code = main(sys.argv[1:])
+took = time.perf_counter() - begin
+peak = next(int(line.split()[1]) / 1024 for line in open("/proc/self/status") if line.startswith("VmHWM"))
+print("\\n" + json.dumps([int(code), took, peak]), file=sys.stderr)
+"""
+
+
+def measured(*words: object) -> tuple[int, float, float, str]:
+    """Exit code, seconds and peak memory [MiB] of a command, and what it said on stderr."""
+    done = subprocess.run(
+        [sys.executable, "-c", MEASURED, *map(str, words)], check=False, capture_output=True, text=True
+    )
+    *said, figures = done.stderr.strip().splitlines()
+    return *json.loads(figures), "\n".join(said)
+
+
+# ---------------------------------------------------------------------------------- large logs
+
+
+@pytest.mark.verify
+def test_four_gigabytes_are_read_chunk_by_chunk(tmp_path):
+    """A thousand chunks of images, a hundred joint states in each."""
+    if not Path("/proc/self/status").exists():
+        pytest.skip("no /proc on this machine")
+    recording, robot = tmp_path / "run.mcap", tmp_path / "robot.yaml"
+    robot.write_text(ROBOT)
+    size = write_recording(recording, chunks=1000, image_bytes=4_200_000)
+    try:
+        for words in (
+            ["info", recording],
+            ["track", recording, "--robot", robot, "-o", tmp_path / "out.tum"],
+        ):
+            code, seconds, peak, said = measured(*words)
+            print(f"{words[0]} of {size / 1e9:.2f} GB of MCAP: {seconds:.1f} s, {peak:.0f} MiB at most")
+            assert code == 0, said
+            assert peak < MOST_MEMORY
+        assert sum(1 for line in (tmp_path / "out.tum").open()) >= 100_000
+    finally:
+        recording.unlink()
+
+
+def write_recording(path: Path, chunks: int, image_bytes: int) -> int:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kinds = {"/joint_states": "sensor_msgs/msg/JointState", "/image": "sensor_msgs/msg/CompressedImage"}
+    channels = [
+        Channel(topic, kind, store.generate_msgdef(kind, ros_version=2)[0]) for topic, kind in kinds.items()
+    ]
+    stamp, header = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/Header"]
+    joint_state = store.types[kinds["/joint_states"]]
+    noise = np.random.default_rng(0).integers(0, 256, image_bytes + chunks, dtype=np.uint8).tobytes()
+    with path.open("wb") as file, McapWriter(file, channels) as writer:
+        for chunk in range(chunks):
+            records, stamps, starts = b"", [], []
+            for k in range(100 * chunk, 100 * (chunk + 1)):
+                ns = 10**18 + 10_000_000 * k
+                head = header(stamp(ns // 10**9, ns % 10**9), "base_link")
+                turned = np.array([0.05 * k, 0.06 * k])
+                message = joint_state(head, ["left", "right"], turned, turned, np.zeros(0))
+                starts.append(len(records))
+                stamps.append(ns)
+                cdr = bytes(store.serialize_cdr(message, kinds["/joint_states"]))
+                records += record(0x05, struct.pack("<HIQQ", 1, k, ns, ns) + cdr)
+            image = (
+                struct.pack("<BBHiII", 0, 1, 0, 0, 0, 1)
+                + b"\0" * 4
+                + words(b"\0")
+                + bytes(3)
+                + words(noise[chunk:][:image_bytes])
+            )
+            image_at = len(records)
+            records += record(0x05, struct.pack("<HIQQ", 2, chunk, ns, ns) + image)
+            writer.add(
+                records, {1: (np.array(stamps), np.array(starts)), 2: (np.array([ns]), np.array([image_at]))}
+            )
+    return path.stat().st_size
+
+
+# --------------------------------------------------------------------------------------- bombs
+
+
+def words(text: bytes) -> bytes:
+    return struct.pack("<I", len(text)) + text
+
+
+def record(op: int, content: bytes) -> bytes:
+    return struct.pack("<BQ", op, len(content)) + content
+
+
+def mcap(*records: bytes) -> bytes:
+    return b"\x89MCAP0\r\n" + record(0x01, words(b"") * 2) + b"".join(records)
+
+
+def mcap_chunk(stored: bytes, compression: bytes, size: int) -> bytes:
+    fields = struct.pack("<QQQI", 1, 2, size, 0) + words(compression) + struct.pack("<Q", len(stored))
+    return record(0x06, fields + stored)
+
+
+def field(name: bytes, value: bytes) -> bytes:
+    return words(name + b"=" + value)
+
+
+def rosbag1(stored: bytes, compression: bytes, size: int) -> bytes:
+    begin = words(field(b"op", b"\x03") + field(b"index_pos", bytes(8)) + field(b"conn_count", bytes(4)))
+    chunk = (
+        field(b"op", b"\x05") + field(b"compression", compression) + field(b"size", struct.pack("<I", size))
+    )
+    return b"#ROSBAG V2.0\n" + begin + words(b" " * 16) + words(chunk) + words(stored)
+
+
+def npz_bomb() -> bytes:
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("time.npy", "w") as member:
+        header = repr({"descr": "<f8", "fortran_order": False, "shape": (1 << 27,)}).encode()
+        member.write(b"\x93NUMPY\1\0" + struct.pack("<H", len(header)) + header)
+        for _ in range(1 << 10):
+            member.write(bytes(1 << 20))
+    return file.getvalue()
+
+
+GIB = 1 << 30
+
+
+def zeros(compressor) -> bytes:
+    """A gigabyte of zeros, compressed."""
+    return b"".join([compressor.compress(bytes(1 << 20)) for _ in range(1 << 10)]) + compressor.flush()
+
+
+def lz4_zeros() -> bytes:
+    compressor = frame.LZ4FrameCompressor()
+    return compressor.begin() + zeros(compressor)
+
+
+BOMBS = {
+    "mcap-zstd.mcap": lambda: mcap(mcap_chunk(zeros(zstd.ZstdCompressor()), b"zstd", GIB)),
+    "mcap-zstd-lies.mcap": lambda: mcap(mcap_chunk(zeros(zstd.ZstdCompressor()), b"zstd", 1000)),
+    "mcap-lz4.mcap": lambda: mcap(mcap_chunk(lz4_zeros(), b"lz4", GIB)),
+    "mcap-many.mcap": lambda: mcap(*[mcap_chunk(zstd.compress(bytes(1 << 20)), b"zstd", 1 << 20)] * 4000),
+    "mcap-record.mcap": lambda: mcap(struct.pack("<BQ", 0x06, 4 << 30)),
+    "mcap-schema.mcap": lambda: mcap(record(0x03, struct.pack("<HI", 1, 0xFFFFFFFF))),
+    "file.mcap.zstd": lambda: zeros(zstd.ZstdCompressor()),
+    "rosbag1-bz2.bag": lambda: rosbag1(zeros(bz2.BZ2Compressor()), b"bz2", GIB),
+    "rosbag1-lz4.bag": lambda: rosbag1(lz4_zeros(), b"lz4", GIB),
+    "rosbag1-record.bag": lambda: b"#ROSBAG V2.0\n" + struct.pack("<I", 0xFFFFFFFF),
+    "zeros.npz": npz_bomb,
+    "line.csv": lambda: b"time,left.position,right.position\n" + b"1" * (64 << 20),
+    "columns.csv": lambda: b"," * (64 << 20),
+    "deep.jsonl": lambda: b'{"time":' + b"[" * 1_000_000 + b"\n",
+    "long.jsonl": lambda: b'{"time": "' + b"x" * (64 << 20),
+    "wpilog-record.wpilog": lambda: b"WPILOG\0\1\0\0\0\0\xff" + b"\xff" * 16,
+}
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("name", BOMBS)
+def test_bombs_are_refused_at_once(name, tmp_path):
+    robot, log = tmp_path / "robot.yaml", tmp_path / name
+    is_table = log.suffix in (".csv", ".jsonl", ".npz")
+    robot.write_text(ROBOT.partition("log:")[0] if is_table else ROBOT)
+    log.write_bytes(BOMBS[name]())
+    for way in ([], ["--salvage"]):
+        code, seconds, peak, said = measured("track", log, "--robot", robot, "-o", tmp_path / "out.tum", *way)
+        words = said.replace(str(tmp_path), "")[:150]
+        print(f"{log.stat().st_size} bytes: {seconds:.2f} s, {peak:.0f} MiB: {words}")
+        assert code == 3, said
+        assert "internal error" not in said
+        assert peak < MOST_MEMORY
+        assert seconds < MOST_SECONDS
+
+
+@pytest.mark.verify
+def test_what_is_just_allowed_fits_into_memory(tmp_path):
+    """Sixteen chunks, as large as they may be and growing as much as they may, come a few at a time."""
+    robot, log = tmp_path / "robot.yaml", tmp_path / "run.mcap"
+    robot.write_text(ROBOT)
+    content = record(0x80, bytes(62 << 20) + np.random.default_rng(0).bytes(700_000))
+    log.write_bytes(mcap(*[mcap_chunk(zstd.compress(content), b"zstd", len(content))] * 16))
+    words = ["track", log, "--robot", robot, "-o", tmp_path / "out.tum", "--salvage"]
+    _, seconds, peak, _ = measured(*words)
+    print(f"{log.stat().st_size} bytes that grow to 1 GiB: {seconds:.2f} s, {peak:.0f} MiB")
+    assert peak < MOST_MEMORY
+
+
+# ---------------------------------------------------------------------------------- cut tables
+
+
+def table(rows: int) -> list[bytes]:
+    time = np.arange(rows) * 0.02
+    turned = np.stack([5.0 * time, 6.0 * time + np.sin(time)], axis=-1)
+    cells = [
+        f"{t:.2f},{left!r},{right!r}\n"
+        for t, (left, right) in zip(time.tolist(), turned.tolist(), strict=True)
+    ]
+    return [line.encode() for line in ("time,left.position,right.position\n", *cells)]
+
+
+def check_cut(path: Path, lines: list[bytes], cut: int) -> None:
+    """Of a table that is cut anywhere, every row that ends is read, and what is left of one more is named."""
+    ends = np.cumsum([len(line) for line in lines])
+    whole = int(np.searchsorted(ends, cut, side="right")) - 1  # rows below the header
+    path.write_bytes(b"".join(lines)[:cut])
+    try:
+        log = read_log(path, DRIVE)
+    except LogError:
+        assert whole < 1
+        return
+    assert len(log) == whole
+    expected = [[float(cell) for cell in line.split(b",")] for line in lines[1 : whole + 1]]
+    assert log.wheels.tolist() == [row[1:] for row in expected]
+    is_cut = cut not in ends
+    assert dict(log.rejected) == ({"unfinished": 1} if is_cut else {})
+    assert any("the file ends inside it" in warning for warning in log.warnings) == is_cut
+
+
+def test_cut_tables_lose_no_row_that_ends(tmp_path):
+    lines = table(100)
+    for cut in np.random.default_rng(0).choice(sum(map(len, lines)), 200, replace=False).tolist():
+        check_cut(tmp_path / "cut.csv", lines, cut)
+
+
+@pytest.mark.verify
+def test_tables_cut_at_every_byte(tmp_path):
+    lines = table(1600)
+    size = sum(map(len, lines))
+    assert size > 50_000
+    for cut in range(size):
+        check_cut(tmp_path / "cut.csv", lines, cut)
+    print(f"{size} cuts of a table of {size} bytes: every row that ended was read, every other one was named")
+
+
+def check_flip(path: Path, whole: bytes, bit: int) -> str:
+    """No row goes without a word: it is read or counted, or the file is refused. (A 3 may become a #.)"""
+    flipped = bytearray(whole)
+    flipped[bit // 8] ^= 1 << bit % 8
+    path.write_bytes(flipped)
+    try:
+        log = read_log(path, DRIVE)
+    except LogError:
+        return "refused"
+    lines = [line for line in bytes(flipped).split(b"\n") if line and not line.startswith(b"#")]
+    assert len(log) + sum(log.rejected.values()) == len(lines) - 1
+    return "counted" if log.rejected else "a number of its own"
+
+
+@pytest.mark.verify
+def test_ten_thousand_flips_of_a_table(tmp_path):
+    whole = b"".join(table(1600))
+    outcomes = [
+        check_flip(tmp_path / "flip.csv", whole, bit)
+        for bit in np.random.default_rng(0).choice(8 * len(whole), 10_000, replace=False).tolist()
+    ]
+    print({outcome: outcomes.count(outcome) for outcome in sorted(set(outcomes))})
