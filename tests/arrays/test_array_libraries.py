@@ -146,3 +146,20 @@ def test_batches_keep_single_precision(library):
     # NumPy's poses are always double precision.
     kept = library.float64 if array_api_compat.is_numpy_namespace(library) else library.float32
     assert tr.integrate_batch(drive, positions).dtype == kept
+
+
+@pytest.mark.parametrize("name", ["differential", "mecanum", "swerve", "ackermann"])
+def test_whole_logs(name):
+    """On the oldest NumPy too. Ackermann's log has one virtual steering angle."""
+    drive = DRIVES[name]
+    steered = ("front",) if name == "ackermann" else drive.steered_names
+    angles = np.zeros((10, len(steered)))
+    log = tr.WheelLog(
+        time_ns=np.arange(10) * 20_000_000,
+        wheel_names=drive.measured_names,
+        wheels=np.cumsum(np.full((10, len(drive.measured_names)), 0.1), axis=0),
+        steering_names=steered,
+        steering=angles if steered else None,
+    )
+    poses = tr.integrate(drive, log).poses
+    np.testing.assert_allclose(poses[-1], [0.9 * drive.wheels[0].radius, 0.0, 0.0], atol=1e-15)

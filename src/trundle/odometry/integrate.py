@@ -102,7 +102,7 @@ class _Rows:
         if drive.steered_names:
             names, angles = log.steering_names, log.steering
             if angles is not None and len(names) == 1 < len(drive.steered_names):
-                steering = drive.expand_steering([angles[:, 0]], np)
+                steering = drive.expand_steering([angles[:, 0]], standard)
             elif angles is not None and len(names) == 1:
                 steering = [angles[:, 0]]
             else:
