@@ -752,6 +752,29 @@ def test_save_makes_updates_and_replaces(tmp_path):
     assert sorted(file.name for file in tmp_path.iterdir()) == ["other.yaml", "robot.yaml"]
 
 
+def test_notes_stand_behind_their_values_and_replace_older_ones():
+    robot = robot_from_data(parse_yaml(ROVER.encode(), "").data)
+    new = robot.replace(drive=tr.Differential(track_width=0.2013, wheel_radius=0.042))
+    notes = {"drive.track_width": "±0.2 mm", "limits.max_speed": "hm", "log.reference.mounting[1]": "±1 mm"}
+    once = robot_text(new, ROVER.encode(), notes=notes | {"drive.no_such_thing": "x"})
+    assert "wheel_radius: 42 mm}   # by ruler; calibrated: track_width ±0.2 mm\n" in once
+    assert "max_speed: 1.0   # more is dangerous; calibrated: hm\n" in once
+    assert "# calibrated: mounting[1] ±1 mm\n" in once
+    again = robot_text(new, once.encode(), notes={"drive.track_width": "±0.1 mm"})
+    assert again == once.replace("±0.2 mm", "±0.1 mm")
+    assert robot_to_data(robot_from_data(parse_yaml(once.encode(), "").data)) == robot_to_data(new)
+    radii = tr.Differential(track_width=0.2013, wheel_radius={"left": 0.042, "right": 0.043})
+    text = robot_text(new.replace(drive=radii), notes=notes)
+    assert "\n  track_width: 0.2013  # calibrated: ±0.2 mm\n" in text
+
+
+def test_a_note_without_room_is_left_out():
+    """The line goes on inside a quoted text: what stands at its end is no comment."""
+    text = "{drive: {type: differential, track_width: 0.2, wheel_radius: 0.04}, name: 'a\n  b'}\n"
+    robot = robot_from_data(parse_yaml(text.encode(), "").data)
+    assert robot_text(robot, text.encode(), notes={"drive.track_width": "±1"}) == text
+
+
 def test_robot_that_cannot_be_written_says_so():
     robot = read(LEAST)
     with pytest.raises(tr.ConfigError, match="reads back"):

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from io import StringIO
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from trundle.adapters.atomic import atomic_path
+from trundle.adapters.margin_note import with_notes
 from trundle.adapters.robot_data import robot_from_data, robot_to_data
 from trundle.adapters.yaml_document import YamlDocument, parse_yaml, resolve_plain
 from trundle.errors import ConfigError
@@ -24,6 +26,7 @@ from trundle.robot import Robot
 __all__ = ["load_robot", "robot_text", "save_robot"]
 
 MOST_READ = (1 << 20) + 1  # one byte more than is allowed, so that too much is seen
+NO_NOTES: Mapping[str, str] = MappingProxyType({})
 
 
 def load_robot(path: str | Path) -> Robot:
@@ -41,7 +44,13 @@ def load_robot(path: str | Path) -> Robot:
     return _described(parse_yaml(_read(Path(path)), str(path)))
 
 
-def save_robot(robot: Robot, path: str | Path, *, like: str | Path | None = None) -> None:
+def save_robot(
+    robot: Robot,
+    path: str | Path,
+    *,
+    like: str | Path | None = None,
+    notes: Mapping[str, str] = NO_NOTES,
+) -> None:
     """Write a robot's description: the old file or the complete new one, never a part.
 
     Args:
@@ -49,6 +58,8 @@ def save_robot(robot: Robot, path: str | Path, *, like: str | Path | None = None
         path: Where to. A description that is there already is brought up to date: its comments, order and
             spelling stay, and only what differs is changed.
         like: Another description whose text is the one to start from; `path` is replaced then.
+        notes: Comments to put behind values, by path: `{"drive.track_width": "±0.0002 m"}`. They replace
+            those of an earlier call.
 
     Raises:
         ConfigError: If the file to start from is no robot description. Nothing is written then.
@@ -56,18 +67,22 @@ def save_robot(robot: Robot, path: str | Path, *, like: str | Path | None = None
     """
     target = Path(path)
     start = Path(like) if like is not None else target if target.exists() else None
-    text = robot_text(robot) if start is None else robot_text(robot, _read(start), source=str(start))
+    old = None if start is None else _read(start)
+    text = robot_text(robot, old, source="" if start is None else str(start), notes=notes)
     with atomic_path(target, force=True) as temporary:
         temporary.write_bytes(text.encode())
 
 
-def robot_text(robot: Robot, old: bytes | None = None, *, source: str = "") -> str:
+def robot_text(
+    robot: Robot, old: bytes | None = None, *, source: str = "", notes: Mapping[str, str] = NO_NOTES
+) -> str:
     """The text of a description.
 
     Args:
         robot: What it shall say.
         old: A description to change as little as possible; None for a fresh one.
         source: Name of the old one, for messages.
+        notes: Comments to put behind values, as for `save_robot`.
 
     Raises:
         ConfigError: If the old one is no robot description, or the robot cannot be written down.
@@ -76,7 +91,7 @@ def robot_text(robot: Robot, old: bytes | None = None, *, source: str = "") -> s
     texts = iter([_dumped(_emittable(wanted))]) if old is None else _edited(parse_yaml(old, source), wanted)
     for text in texts:
         if _says(text, wanted):
-            return text
+            return with_notes(text, notes, lambda noted: _says(noted, wanted)) if notes else text
     problem = "this robot cannot be written as a description that reads back the same"
     raise ConfigError("", problem, source=source)
 
