@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from trundle.adapters.content import Content, content_of
+from trundle.adapters.sensor_correction import corrected
 from trundle.adapters.stamp_order import in_order
 from trundle.adapters.steady_file import SteadyFile
 from trundle.errors import LogError, TrundleError
@@ -59,7 +60,7 @@ def read_log(
     # NaN and infinity go through units and mountings as they are: odometry judges them.
     with np.errstate(over="ignore", invalid="ignore"):
         log = _read(content, file, described, mapping or described.log, salvage=salvage)
-    log = in_order(log, sort=sort)
+    log = in_order(corrected(log, mapping or described.log), sort=sort)
     if described.measuring.gyro and log.wheels is not None and log.yaw_rate is None:
         silent = "the robot measures with a gyro, but its log has none (log.gyro)"
         log = dataclasses.replace(log, warnings=(*log.warnings, silent))

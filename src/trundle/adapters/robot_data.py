@@ -22,12 +22,12 @@ from trundle.adapters.quantity import (
 from trundle.adapters.typed_section import check_keys, read_list, read_mapping, read_struct, shown
 from trundle.errors import ConfigError, did_you_mean
 from trundle.robot import DRIVES, Custom, Encoder, Kinematics, Limits, LogMapping, Noise, Robot, Wheel
-from trundle.robot.description import UNMEASURED
+from trundle.robot.description import UNMEASURED, CalibrationRecord
 from trundle.robot.log_mapping import ReferenceMapping, ScalarMapping, WheelMapping
 
 __all__ = ["SECTIONS", "robot_from_data", "robot_to_data"]
 
-SECTIONS = ("name", "drive", "localizer", "encoders", "limits", "noise", "log")
+SECTIONS = ("name", "drive", "localizer", "encoders", "limits", "noise", "log", "calibration")
 
 Data = dict[str, Any]
 Leaf = Callable[[str, Any, Quantity], Any]
@@ -66,6 +66,7 @@ def robot_from_data(data: Any) -> Robot:
         else UNMEASURED,
         log=_read_log(sections.get("log", {}), both),
         localizer=localizer,
+        calibration=_read_calibration(sections.get("calibration")),
     )
 
 
@@ -266,16 +267,34 @@ def _read_limits(value: Any) -> Limits:
     return read_struct("limits", given, Limits, {"max_steering": ANGLE})
 
 
+def _read_calibration(value: Any) -> CalibrationRecord | None:
+    if value is None:
+        return None
+    given = read_mapping("calibration", value)
+    if "version" not in given:
+        raise ConfigError("calibration.version", "missing, must be 1")
+    if given["version"] == 1:
+        return read_struct("calibration", given, CalibrationRecord)
+    # Fields of another version are not judged by this one's.
+    return read_struct("calibration", {"robot": "", "version": given["version"]}, CalibrationRecord)
+
+
 def _read_log(value: Any, drives: Sequence[Kinematics]) -> LogMapping:
     given = dict(read_mapping("log", value))
     wheels = [name for drive in drives for name in drive.wheel_names]
     steered = [name for drive in drives for name in drive.steered_names]
     entries: dict[str, Any] = {}
-    for key, shape, names in (("wheels", WheelMapping, wheels), ("steering", ScalarMapping, steered)):
+    shapes: tuple[tuple[str, type[ScalarMapping], list[str], dict[str, Quantity]], ...] = (
+        ("wheels", WheelMapping, wheels, {}),
+        ("steering", ScalarMapping, steered, {"offset": ANGLE}),
+    )
+    for key, shape, names, units in shapes:
         columns = read_mapping(f"log.{key}", given.pop(key, {}))
         if key == "wheels" or len(columns) > 1:  # one steering angle may stand for all steered wheels
             check_keys(f"log.{key}", columns, names)
-        entries[key] = {name: read_struct(f"log.{key}.{name}", one, shape) for name, one in columns.items()}
+        entries[key] = {
+            name: read_struct(f"log.{key}.{name}", one, shape, units) for name, one in columns.items()
+        }
     reference = given.pop("reference", None)
     if reference is not None:
         entries["reference"] = _read_reference("log.reference", reference)
@@ -312,6 +331,9 @@ def robot_to_data(robot: Robot) -> Data:
         if robot.noise == UNMEASURED
         else noise or {"wheel_distance": robot.noise.wheel_distance},
         "log": log,
+        "calibration": None
+        if robot.calibration is None
+        else {"version": robot.calibration.version, **_changed(robot.calibration)},
     }
     return {key: value for key, value in sections.items() if value not in (None, {})}
 

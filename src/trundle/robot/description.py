@@ -12,7 +12,7 @@ from trundle.errors import ConfigError, InputError, require_finite, require_posi
 from trundle.robot.kinematics import Kinematics
 from trundle.robot.log_mapping import LogMapping
 
-__all__ = ["UNMEASURED", "Encoder", "Limits", "Noise", "Robot"]
+__all__ = ["UNMEASURED", "CalibrationRecord", "Encoder", "Limits", "Noise", "Robot"]
 
 
 class Encoder(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -130,6 +130,28 @@ It fits five robots that others recorded (docs/uncertainty.md); each of them is 
 """
 
 
+class CalibrationRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What the calibration that gave a description its numbers knew about them.
+
+    Attributes:
+        version: Of these fields and of what their names mean.
+        robot: Name of the robot that was calibrated.
+        sigmas: Standard deviations by the names of the parameters, such as `wheel_radius.left`, in the unit
+            of each.
+    """
+
+    robot: str
+    version: int = 1
+    sigmas: Mapping[str, float] = {}
+
+    def __post_init__(self) -> None:
+        if self.version != 1:
+            problem = f"{self.version}, must be 1: another Trundle wrote it; calibrate again, or remove it"
+            raise ConfigError("version", problem)
+        for name, sigma in self.sigmas.items():
+            require_positive(f"sigmas.{name}", sigma)
+
+
 class Robot(msgspec.Struct, frozen=True, kw_only=True):
     """A robot: nothing here is state, everything is description.
 
@@ -141,6 +163,7 @@ class Robot(msgspec.Struct, frozen=True, kw_only=True):
         noise: How far readings are off; `UNMEASURED` where nobody says.
         log: How its logs say what was measured.
         localizer: Other wheels that measure in the drive's place, or None.
+        calibration: Where the numbers come from, if they were calibrated.
     """
 
     drive: Kinematics
@@ -150,6 +173,12 @@ class Robot(msgspec.Struct, frozen=True, kw_only=True):
     noise: Noise = UNMEASURED
     log: LogMapping = LogMapping()
     localizer: Kinematics | None = None
+    calibration: CalibrationRecord | None = None
+
+    def __post_init__(self) -> None:
+        if self.calibration is not None and self.calibration.robot != self.name:
+            problem = f"{self.calibration.robot!r}, but this robot is {self.name!r}: no other robot's numbers"
+            raise ConfigError("calibration.robot", f"{problem} fit it; calibrate it, or remove the section")
 
     @property
     def measuring(self) -> Kinematics:

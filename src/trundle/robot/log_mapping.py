@@ -8,7 +8,7 @@ from typing import Literal
 
 import msgspec
 
-from trundle.errors import ConfigError
+from trundle.errors import ConfigError, require_finite, require_positive
 
 __all__ = [
     "Clock",
@@ -22,6 +22,9 @@ __all__ = [
     "Unit",
     "WheelMapping",
 ]
+
+
+LONGEST_DELAY = 60.0  # [s]; more is another clock
 
 
 class Clock(enum.Enum):
@@ -128,6 +131,8 @@ class ScalarMapping(_Section, frozen=True):
         unit: What the number is written in; None means the SI unit of its quantity.
         sign: -1 where the log counts the other way.
         hold: The value is logged only when it changes: the last one still holds.
+        gain: What the quantity really changes by where the number changes by 1 in its SI unit.
+        offset: What it really is where the number says 0, in its SI unit: really = gain * said + offset.
     """
 
     column: str | int | None = None
@@ -137,10 +142,14 @@ class ScalarMapping(_Section, frozen=True):
     unit: Unit | None = None
     sign: Literal[1, -1] = 1
     hold: bool = False
+    gain: float = 1.0
+    offset: float = 0.0
 
     def __post_init__(self) -> None:
         if (self.column is None) == (self.topic is None):
             raise ConfigError("", "needs either column (a table) or topic (a bag)")
+        require_positive("gain", self.gain)
+        require_finite("offset", self.offset)
 
 
 class WheelMapping(ScalarMapping, frozen=True):
@@ -157,6 +166,9 @@ class WheelMapping(ScalarMapping, frozen=True):
         speed = self.unit is not None and self.unit.dimension.endswith("/s")
         if self.unit is not None and self.unit.dimension == "time":
             raise ConfigError("unit", f"{self.unit.value!r} is a time, not a wheel reading")
+        if (self.gain, self.offset) != (1.0, 0.0):
+            field = "gain" if self.gain != 1.0 else "offset"
+            raise ConfigError(field, f"{getattr(self, field):g}: a wheel has none, its radius says it")
         if self.kind is not None and self.unit is not None and speed != (self.kind is Kind.VELOCITY):
             raise ConfigError("kind", f"{self.kind.value} does not go with unit {self.unit.value}")
 
@@ -183,6 +195,7 @@ class ReferenceMapping(_Section, frozen=True):
         unit: Unit of x and y.
         angle_unit: Unit of theta.
         mounting: Pose (x, y, yaw) [m, m, rad] of the tracked point in the robot's frame.
+        delay: How much later than the wheels' it is stamped [s]: what it says at t was so at t - delay.
     """
 
     topic: str | None = None
@@ -192,12 +205,15 @@ class ReferenceMapping(_Section, frozen=True):
     unit: Unit = Unit.M
     angle_unit: Unit = Unit.RAD
     mounting: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    delay: float = 0.0
 
     def __post_init__(self) -> None:
         if (self.columns is None) == (self.topic is None):
             raise ConfigError("", "needs either columns: [x, y, theta] or topic")
         if self.columns is not None and len(self.columns) not in (2, 3):
             raise ConfigError("columns", f"{len(self.columns)} given, must be [x, y] or [x, y, theta]")
+        if not abs(require_finite("delay", self.delay)) <= LONGEST_DELAY:
+            raise ConfigError("delay", f"{self.delay:g} s, must be within {LONGEST_DELAY:g} s")
         if self.unit.dimension != "length":
             raise ConfigError("unit", f"{self.unit.value!r}, must be a length (m, mm, cm, in, ft)")
         if self.angle_unit.dimension != "angle":
