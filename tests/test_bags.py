@@ -328,7 +328,7 @@ def test_names_in_another_order_are_seen(tmp_path):
 def test_unknown_names_are_answered_with_known_ones(tmp_path):
     kind = "geometry_msgs/msg/PoseStamped"
     with open_bag(write_bag(tmp_path, "mcap", [("/pose", kind, rows(kind, 0, 2, 2, 0))])) as bag:
-        with pytest.raises(LogSchema, match=r"did you mean '/pose'.*holds: /pose"):
+        with pytest.raises(LogSchema, match=r"did you mean '/pose'.*has /pose"):
             bag.read("/poses", [])
         with pytest.raises(LogSchema, match=r"did you mean 'pose.position.x'"):
             bag.read("/pose", ["pose.positon.x"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,10 +14,11 @@ import numpy as np
 import pytest
 
 import trundle as tr
-from trundle.apps import cli, plot, progress, track
+from trundle.apps import cli, plot, progress, rejection, track
 from trundle.apps.cli import main
 from trundle.apps.exit_code import ExitCode, exit_code_of
 from trundle.errors import LogError
+from trundle.odometry import wheel_odometry
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 LOG, ROBOT = EXAMPLES / "differential" / "run.csv", EXAMPLES / "differential" / "robot.yaml"
@@ -114,6 +116,37 @@ def test_track_counts_what_it_refuses(run, tmp_path, robot):
     assert "17 of 20 accepted" in out
     assert "rejected    1 duplicate, 1 nonfinite, 1 parse" in out
     assert "warning: 1 row was left out as unreadable: line 9: column 'left.position' holds 'x'" in err
+
+
+@pytest.mark.parametrize(
+    ("rows", "limits", "code", "words"),
+    [
+        (
+            [f"{0.1 * k:.1f},{1e6 * k},{1e6 * k}" for k in range(20)],
+            "",
+            4,
+            "15 m/s, since no limits are given",
+        ),
+        ([f"{0.1 * k:.1f},{30 * k},{30 * k}" for k in range(20)], "max_speed: 1", 4, "limits.max_speed: 1"),
+        ([f"{0.1 * k:.1f},{k},{k}" for k in range(20)] + ["nan,1,1"] * 5, "", 0, "5 nonfinite"),
+        ([f"{k // 4}.0,{k},{k}" for k in range(40)], "", 4, "is the time too coarse (log.time.column)"),
+        ([f"{0.1 * k:.1f},{k},{k}" for k in range(20)] + ["2.0,1,nan"] * 25, "", 4, "say hold: true"),
+    ],
+)
+def test_track_says_why_it_refused_much(run, tmp_path, robot, rows, limits, code, words):
+    robot.write_text(DIFFERENTIAL + f"limits: {{{limits}}}\n")
+    log = written(tmp_path / "run.csv", *rows)
+    got, _, err = run("track", log, "--robot", robot, "-o", tmp_path / "run.tum")
+    assert got == code
+    assert "rows were refused: " in err
+    assert words in err
+
+
+def test_track_tells_every_reason_that_odometry_has():
+    """Words for all that `WheelOdometry` rejects a sample for, or that a reader leaves out."""
+    source = Path(wheel_odometry.__file__).read_text(encoding="utf-8")
+    reasons = set(re.findall(r'_reject\("(\w+)"\)', source)) | {"implausible", "jump"}
+    assert reasons - {"shape"} == reasons & set(rejection.REASONS)  # a log's rows have one shape
 
 
 def test_track_compares_with_another_file(run, tmp_path, robot):

@@ -421,6 +421,18 @@ def test_flipped_bits_never_escape(folder):
     assert refused > 100
 
 
+def test_a_name_that_no_entry_has_is_answered_with_those_like_it(folder):
+    """A robot logs hundreds of entries; an error names a line of them."""
+    names = [f"/drive/module{k}/{word}" for k in range(100) for word in ("angle", "speed", "volts")]
+    records = [start(k + 1, name, "double") for k, name in enumerate(names)]
+    with open_wpilog(write(folder / "many.wpilog", *records)) as log, pytest.raises(LogSchema) as found:
+        log.read("/drive/module7/sped", [])
+    message = str(found.value)
+    assert "no topic '/drive/module7/sped'; did you mean '/drive/module7/speed'? It has" in message
+    assert "and 288 more (trundle info lists all)" in message
+    assert len(message) < 500
+
+
 @given(st.binary(max_size=200))
 def test_any_bytes_are_an_error_of_ours(folder, content):
     path = folder / "any.wpilog"

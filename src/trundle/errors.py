@@ -43,6 +43,8 @@ __all__ = [
     "TrundleError",
     "Unobservable",
     "did_you_mean",
+    "listed",
+    "no_such",
     "require_finite",
     "require_positive",
 ]
@@ -139,9 +141,10 @@ class MissingExtra(TrundleError, ImportError):
         extra: The extra that brings it.
     """
 
-    def __init__(self, package: str, extra: str) -> None:
+    def __init__(self, package: str, extra: str, hint: str = "") -> None:
         self.extra = extra
-        super().__init__(f"{package} is not installed; get it with: pip install 'trundle[{extra}]'")
+        command = f"pip install 'trundle[{extra}]' {hint}".rstrip()
+        super().__init__(f"{package} is not installed; get it with: {command}")
 
 
 def require_finite(field: str, value: float) -> float:
@@ -167,9 +170,33 @@ def require_positive(field: str, value: float) -> float:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """A hint with the nearest known words, and all of them where none is near."""
+    """A hint with the nearest known words, and what else there is where none is near."""
     known = list(known)
     near = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
     if near:
         return f"did you mean {near[0]!r}?"
-    return "known: " + ", ".join(known) if known else "none is known here"
+    return "known: " + listed(known, like=word) if known else "none is known here"
+
+
+def listed(names: Iterable[str], *, like: str = "", most: int = 24) -> str:
+    """`a, b, c`; of too many those that are most like a word, `and 120 more`."""
+    names = list(names)
+    if len(names) <= most:
+        return ", ".join(names) or "none"
+    near = sorted(names, key=lambda name: -difflib.SequenceMatcher(None, like, name).ratio())
+    return f"{', '.join(near[: most // 2])} and {len(names) - most // 2} more (trundle info lists all)"
+
+
+def no_such(what: str, word: str, known: Iterable[str], has: str = "") -> str:
+    """`no topic '/odm'; did you mean '/odom'? It has /cmd_vel, /odom`.
+
+    Args:
+        what: Kind of thing that is missing.
+        word: What was asked for.
+        known: Names that there are.
+        has: What to list in their place.
+    """
+    known = list(known)
+    near = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    question = f"did you mean {near[0]!r}? It" if near else "it"
+    return f"no {what} {word!r}; {question} has {has or listed(known, like=word)}"

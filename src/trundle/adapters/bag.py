@@ -15,7 +15,7 @@ from trundle.adapters.damage import Damage
 from trundle.adapters.message_layout import Serialization, UnknownField
 from trundle.adapters.rosmsg import Struct
 from trundle.adapters.topic_columns import ColumnDecoder, MessageBatch, TopicColumns, TopicInfo
-from trundle.errors import LogCorrupt, LogError, LogSchema, did_you_mean
+from trundle.errors import LogCorrupt, LogError, LogSchema, no_such
 
 __all__ = ["BagReader", "open_bag"]
 
@@ -96,10 +96,7 @@ class BagReader:
             LogLimit: If reading would take more memory than it may.
         """
         if topic not in self.topics:
-            known = ", ".join(sorted(self.topics)) or "none"
-            hint = did_you_mean(topic, self.topics)
-            hint = f"{hint} It" if hint.startswith("did") else "it"
-            raise LogSchema(self.path, "topic", f"no topic {topic!r}; {hint} holds: {known}")
+            raise LogSchema(self.path, "topic", no_such("topic", topic, sorted(self.topics)))
         holders = [recording for recording in self._recordings if topic in recording.topics]
         types = [recording.message_type(topic) for recording in holders]
         if any(other != types[0] for other in types):

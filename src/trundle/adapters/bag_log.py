@@ -26,6 +26,7 @@ from trundle.adapters.conversion import (
     wheel_conversions,
     wheel_names,
 )
+from trundle.adapters.doubts import WheelColumn, doubts
 from trundle.adapters.quaternion import yaw_of_quaternion
 from trundle.adapters.reference import reference_trajectory
 from trundle.adapters.resampling import changes, held, interpolated, summed, unwrapped
@@ -120,7 +121,7 @@ class _BagLog:
         if not mapping.wheels and mapping.twist is None:
             measured = ", ".join(robot.measuring.measured_names)
             wanted = f"must name the topics of {measured}, or log.twist that of the robot's own twist"
-            raise LogSchema(self.path, "topic", f"log.wheels {wanted}; it has {source.description}")
+            raise LogSchema(self.path, "topic", f"log.wheels {wanted}; it has {source.described()}")
         self.names = wheel_names(robot, mapping.wheels) if mapping.wheels else ()
         wheels = {name: mapping.wheels[name] for name in self.names}
         self.reading, self.conversions = Reading.POSITION, dict[str, Conversion]()
@@ -131,6 +132,7 @@ class _BagLog:
         signals = self._signals()
         series = self._series(signals)
         twist = self._twists()
+        doubtful = doubts(self.robot, self._wheel_columns(series))
         if self.reading is Reading.TICKS and not self._can_stay_raw(signals, series):
             self._unwrap(series)
         time_ns = self._rows(signals, series, twist)
@@ -158,7 +160,7 @@ class _BagLog:
             twists=None if twist is None else self._twists_at(time_ns[known], twist),
             reference=self._reference(),
             rejected=+self.rejected,
-            warnings=tuple(self.source.warnings),
+            warnings=(*self.source.warnings, *doubtful),
             source=str(self.path),
         )
 
@@ -224,6 +226,14 @@ class _BagLog:
             for label, (values, _) in read.items():
                 series[label] = _Series(time_ns[keep], wanted[label].conversion.of(values[keep]))
         return {label: series[label] for label in signals}
+
+    def _wheel_columns(self, series: dict[str, _Series]) -> list[WheelColumn]:
+        columns = []
+        for name in self.names:
+            own, mapping = series[f"log.wheels.{name}"], self.mapping.wheels[name]
+            conversion = self.conversions[name]
+            columns.append(WheelColumn(name, mapping, self.reading, conversion, own.time_ns, own.values))
+        return columns
 
     # --- common rows -----------------------------------------------------------------------------
 

@@ -28,6 +28,7 @@ __all__ = [
 # Odometry at a slower pace, or at a faster one, is a time in another unit.
 LONGEST_STEP = 5.0
 SHORTEST_STEP = 1e-6
+LIKELY_STEP = 0.5e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,16 +183,25 @@ def check_time(source: object, time_ns: npt.NDArray[np.int64], unit: Unit) -> No
     """Refuse stamps whose steps cannot be those of a wheel log: a time in another unit.
 
     Raises:
-        LogSchema: With reason `unit`.
+        LogSchema: With reason `unit`; the message says the unit that would do.
     """
     if len(time_ns) < 3:
         return
-    step = float(np.median(np.abs(np.diff(time_ns)))) * 1e-9
+    if (steps := np.diff(time_ns)).min() < 0:  # rows out of order say nothing about the unit
+        steps = np.diff(np.sort(time_ns))
+    step = float(np.median(steps)) * 1e-9
     duration = float(time_ns.max() - time_ns.min()) * 1e-9
-    if step > LONGEST_STEP or 0.0 < duration < SHORTEST_STEP * (len(time_ns) - 1):
-        raise LogSchema(
-            source,
-            "unit",
-            f"its rows are {step:.3g} s apart if their time is in {unit.value}, {len(time_ns)} rows in "
-            f"{duration:.3g} s; declare log.time.unit",
-        )
+    if not (step > LONGEST_STEP or 0.0 < duration < SHORTEST_STEP * (len(time_ns) - 1)):
+        return
+    fitting = [
+        other.value
+        for other in Unit
+        if other.dimension == unit.dimension and LIKELY_STEP <= step * other.factor / unit.factor <= 1.0
+    ]
+    advice = f"declare log.time.unit: {fitting[0]}?" if fitting else "is log.time.column the time?"
+    raise LogSchema(
+        source,
+        "unit",
+        f"its rows are {step:.3g} s apart if their time is in {unit.value}, {len(time_ns)} rows in "
+        f"{duration:.3g} s; {advice}",
+    )

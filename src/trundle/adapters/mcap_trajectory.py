@@ -20,7 +20,7 @@ from trundle.adapters.mcap_writer import Channel, McapWriter
 from trundle.adapters.quaternion import quaternion_of_yaw, yaw_of_quaternion
 from trundle.adapters.topic_columns import TopicColumns
 from trundle.adapters.topic_fields import pose_fields, twist_fields
-from trundle.errors import InputError, LogSchema
+from trundle.errors import InputError, LogSchema, listed
 from trundle.geometry import se2
 from trundle.records import Trajectory
 
@@ -147,7 +147,7 @@ def _pose_topic(bag: BagReader) -> str:
             raise LogSchema(bag.path, "ambiguous", f"{', '.join(found)} are all {kind}; a trajectory is one")
         if found:
             return found[0]
-    has = ", ".join(f"{topic} ({info.type})" for topic, info in sorted(bag.topics.items())) or "none"
+    has = listed([f"{topic} ({info.type})" for topic, info in sorted(bag.topics.items())], like="pose")
     raise LogSchema(bag.path, "topic", f"no topic is one of {', '.join(_POSE_TYPES)}; it has {has}")
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trundle.adapters.topic_columns import TopicColumns, TopicInfo
-from trundle.errors import LogError, LogSchema, did_you_mean
+from trundle.errors import LogError, LogSchema, listed, no_such
 from trundle.robot.log_mapping import Clock
 
 __all__ = ["Recording", "TopicSource"]
@@ -54,11 +54,10 @@ class TopicSource:
         self.warnings: list[str] = []
         self._clock = clock
 
-    @property
-    def description(self) -> str:
-        """Its topics and their types, for errors."""
-        return (
-            ", ".join(f"{topic} ({info.type})" for topic, info in sorted(self.bag.topics.items())) or "none"
+    def described(self, like: str = "") -> str:
+        """Its topics and their types, for errors; of many those most like a word."""
+        return listed(
+            [f"{topic} ({info.type})" for topic, info in sorted(self.bag.topics.items())], like=like
         )
 
     def type_of(self, topic: str) -> str:
@@ -68,9 +67,9 @@ class TopicSource:
             LogSchema: If there is no such topic.
         """
         if topic not in self.bag.topics:
-            nearest = did_you_mean(topic, self.bag.topics)
-            nearest = f"{nearest} " if nearest.startswith("did") else ""
-            raise LogSchema(self.bag.path, "topic", f"no topic {topic!r}; {nearest}it has {self.description}")
+            raise LogSchema(
+                self.bag.path, "topic", no_such("topic", topic, self.bag.topics, self.described(topic))
+            )
         return self.bag.topics[topic].type
 
     def read(self, topic: str, fields: Sequence[str]) -> tuple[Stamps, TopicColumns]:
@@ -148,7 +147,9 @@ class TopicSource:
             if plain and place < values.shape[1]:
                 found[rows], present[rows] = values[rows, place], True
         if not present.any():
-            has = f"they have {', '.join(sorted(known))}" if known else f"their {path} is shorter"
+            has = (
+                f"they have {listed(sorted(known), like=str(name))}" if known else f"their {path} is shorter"
+            )
             raise LogSchema(self.bag.path, "joint", f"{topic}: no message has an element {name!r}; {has}")
         return found, present
 

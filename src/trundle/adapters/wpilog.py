@@ -23,7 +23,7 @@ from trundle.adapters.damage import Damage, require_mapped
 from trundle.adapters.topic_columns import Column, TopicColumns, TopicInfo, rows_of
 from trundle.adapters.wpilog_records import HEADER, MAGIC, VERSION, Start, control_of, walk
 from trundle.adapters.wpilog_struct import UnknownStruct, dtype_of
-from trundle.errors import LogCorrupt, LogError, LogSchema, LogTruncated, did_you_mean
+from trundle.errors import LogCorrupt, LogError, LogSchema, LogTruncated, listed, no_such
 
 __all__ = ["WpilogFile", "open_wpilog"]
 
@@ -96,10 +96,7 @@ class WpilogFile:
             LogError: If its times go back by more than a second (`unsorted`), unless `salvage`.
         """
         if topic not in self.topics:
-            known = ", ".join(sorted(self.topics)) or "none"
-            hint = did_you_mean(topic, self.topics)
-            hint = f"{hint} It" if hint.startswith("did") else "it"
-            raise LogSchema(self.path, "topic", f"no topic {topic!r}; {hint} holds: {known}")
+            raise LogSchema(self.path, "topic", no_such("topic", topic, sorted(self.topics)))
         members = self._in_order(topic)
         stamps = self._index.time_ns[members]
         parts = self._values(topic, members)
@@ -209,11 +206,11 @@ class WpilogFile:
             parts = []
         for part in parts:
             if values.dtype.names is None or part not in values.dtype.names:
-                fields = ", ".join(_leaves(values.dtype)) or "value"
+                fields = listed(_leaves(values.dtype) or ["value"], like=field)
                 raise LogSchema(self.path, "field", f"{topic} has no field {field!r}; it has {fields}")
             values = values[part]
         if values.dtype.names is not None:
-            fields = ", ".join(_leaves(values.dtype, ".".join(parts)))
+            fields = listed(_leaves(values.dtype, ".".join(parts)), like=field)
             raise LogSchema(self.path, "field", f"{topic}: {field!r} is a whole struct; it has {fields}")
         if values.ndim > 2:
             values = values.reshape(len(values), -1)
