@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from trundle.errors import InputError, MissingExtra, OutputError, TrundleError
+from trundle.apps.plot_style import BLUE, CYCLE, GREY, INK, SKY, VERMILLION, empty_figure, style_axis
+from trundle.errors import InputError, OutputError, TrundleError
 from trundle.evaluate import compare, transform
 from trundle.geometry import se2
 from trundle.records import Reading, Trajectory, WheelLog
@@ -25,13 +26,6 @@ if TYPE_CHECKING:
 __all__ = ["plot_trajectory", "save_plot"]
 
 Floats = npt.NDArray[np.float64]
-
-# Okabe and Ito 2008, "Color universal design": told apart with every kind of colour vision.
-_BLUE, _ORANGE, _GREEN, _VERMILLION, _SKY, _PURPLE = (
-    "#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7",
-)  # fmt: skip
-_INK, _GREY, _LINE = "#222222", "#666666", "#DDDDDD"
-_CYCLE = (_BLUE, _VERMILLION, _GREEN, _PURPLE, _ORANGE, _SKY, _INK, _GREY)
 
 _WIDTH = 9.0  # of the figure [in]
 _CHI_SQUARE_95 = 5.991  # two degrees of freedom
@@ -65,21 +59,12 @@ def plot_trajectory(
     Raises:
         MissingExtra: If matplotlib is not installed.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-        from matplotlib.layout_engine import ConstrainedLayoutEngine
-    except ImportError:
-        raise MissingExtra("matplotlib", "plot") from None
-
     aligned, remark = _align(reference, trajectory)
     panels = _panels(log, robot, trajectory)
     low, high = _extent(trajectory, aligned)
     width, height = high - low
     heights = [_WIDTH * float(np.clip(height / width, 0.35, 0.66)), *([1.5] * len(panels))]
-    layout = ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.1)
-    figure = Figure(figsize=(_WIDTH, sum(heights) + 1.0), dpi=150, layout=layout)
-    FigureCanvasAgg(figure)
+    figure = empty_figure(_WIDTH, sum(heights) + 1.0)
     axes = figure.subplots(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
 
     _headline(axes[0], title, _facts(trajectory) + remark)
@@ -197,7 +182,7 @@ def _draw_path(
     from matplotlib.collections import PolyCollection
     from matplotlib.colors import to_rgba
 
-    _style(axis)
+    style_axis(axis)
     axis.update_datalim([low, high])
     axis.margins(0.0)
     axis.set_aspect("equal", adjustable="datalim")
@@ -208,21 +193,21 @@ def _draw_path(
     ellipses = _ellipses(trajectory, _along(trajectory, _ELLIPSES))
     if len(ellipses):
         outlines = PolyCollection(list(ellipses), linewidth=0.7, zorder=2, label="95 % uncertainty")
-        outlines.set_facecolor(to_rgba(_SKY, 0.13))
-        outlines.set_edgecolor(to_rgba(_BLUE, 0.45))
+        outlines.set_facecolor(to_rgba(SKY, 0.13))
+        outlines.set_edgecolor(to_rgba(BLUE, 0.45))
         axis.add_collection(outlines, autolim=False)
     if reference is not None:
         x, y = reference.poses[:, :2].T
-        axis.plot(x, y, color=_VERMILLION, dashes=(4, 2), linewidth=1.3, zorder=3, label="reference, aligned")
+        axis.plot(x, y, color=VERMILLION, dashes=(4, 2), linewidth=1.3, zorder=3, label="reference, aligned")
     x, y, theta = trajectory.poses.T
-    axis.plot(x, y, color=_BLUE, linewidth=1.8, zorder=4, label="odometry", solid_joinstyle="round")
+    axis.plot(x, y, color=BLUE, linewidth=1.8, zorder=4, label="odometry", solid_joinstyle="round")
     if len(trajectory):
-        axis.plot(x[0], y[0], "o", color="none", mec=_INK, mew=1.6, ms=12, zorder=6, label="start")
-        axis.plot(x[-1], y[-1], "s", color=_INK, mec="white", ms=7.5, zorder=6, label="end")
+        axis.plot(x[0], y[0], "o", color="none", mec=INK, mew=1.6, ms=12, zorder=6, label="start")
+        axis.plot(x[-1], y[-1], "s", color=INK, mec="white", ms=7.5, zorder=6, label="end")
     lengths = trajectory.distance / float((high - low).max())  # of the path, in widths of the map
     arrows = _along(trajectory, int(np.clip(11.0 * lengths, 6, 40)))
     axis.quiver(
-        x[arrows], y[arrows], np.cos(theta[arrows]), np.sin(theta[arrows]), color=_INK, zorder=5,
+        x[arrows], y[arrows], np.cos(theta[arrows]), np.sin(theta[arrows]), color=INK, zorder=5,
         units="inches", scale_units="inches", scale=1 / 0.17, width=0.012,
         headwidth=8, headlength=8, headaxislength=6.5,
     )  # fmt: skip
@@ -298,12 +283,12 @@ def _unwrapped(change: npt.NDArray[np.int64], bits: int | None) -> npt.NDArray[n
 
 
 def _draw_panel(axis: Axes, panel: _Panel) -> None:
-    _style(axis)
+    style_axis(axis)
     axis.set_ylabel(panel.label)
     axis.margins(x=0.01)
     # The first lines are the widest, so that one that lies below another can be seen.
     widths = np.linspace(1.9, 1.0, max(len(panel.curves), 2))
-    for (name, values), color, width in zip(panel.curves.items(), cycle(_CYCLE), widths, strict=False):
+    for (name, values), color, width in zip(panel.curves.items(), cycle(CYCLE), widths, strict=False):
         time, mean, low, high = _thinned(panel.time, values)
         axis.plot(time, mean, color=color, linewidth=width, label=name, zorder=4)
         axis.fill_between(time, low, high, color=color, alpha=0.18, linewidth=0, zorder=3)
@@ -323,7 +308,7 @@ def _leave_out_spikes(axis: Axes, values: Floats) -> None:
         axis.set_ylim(low - 0.25 * room, high + 0.25 * room)
         axis.text(
             1.0, 1.0, f"{beyond} samples beyond, {values.min():.6g} to {values.max():.6g}",
-            transform=axis.transAxes, ha="right", va="bottom", fontsize=9, color=_GREY,
+            transform=axis.transAxes, ha="right", va="bottom", fontsize=9, color=GREY,
         )  # fmt: skip
 
 
@@ -347,23 +332,15 @@ def _thinned(time: Floats, values: Floats) -> tuple[Floats, Floats, Floats, Floa
 # the style
 
 
-def _style(axis: Axes) -> None:
-    axis.grid(color=_LINE, linewidth=0.6)
-    axis.set_axisbelow(True)
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.spines[["left", "bottom"]].set_color(_GREY)
-    axis.tick_params(colors=_GREY, labelcolor=_INK, labelsize=9)
-
-
 def _headline(axis: Axes, title: str, facts: str) -> None:
     """Title, and below it, smaller, what there is to say in words; below that is room for a legend."""
     lines = textwrap.wrap(facts, 110)
     axis.annotate(
         "\n".join(lines), (0.0, 1.0), (0.0, 25.0), xycoords="axes fraction", textcoords="offset points",
-        fontsize=10, color=_GREY, va="bottom", parse_math=False,
+        fontsize=10, color=GREY, va="bottom", parse_math=False,
     )  # fmt: skip
     axis.set_title(
-        textwrap.fill(title, 70), loc="left", fontsize=14, fontweight="bold", color=_INK,
+        textwrap.fill(title, 70), loc="left", fontsize=14, fontweight="bold", color=INK,
         pad=31.0 + 14.0 * len(lines), parse_math=False,
     )  # fmt: skip
 
