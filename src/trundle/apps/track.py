@@ -58,9 +58,9 @@ def track(
     from trundle.adapters.log import read_log
     from trundle.adapters.robot_yaml import load_robot
     from trundle.adapters.trajectory import TRAJECTORY_SUFFIXES, read_trajectory, write_trajectory
+    from trundle.apps.rejection import MOST, advice
     from trundle.errors import InputError, LogError, MissingExtra
     from trundle.odometry.integrate import integrate
-    from trundle.apps.rejection import MOST, advice
 
     inputs = [path for path in (log, robot, reference) if path is not None]
     check_output(output, suffixes=TRAJECTORY_SUFFIXES, inputs=inputs, force=force)
@@ -78,9 +78,9 @@ def track(
         truth = wheels.reference if reference is None else read_trajectory(reference)
         progress.step(f"integrating {len(wheels)} samples")
         trajectory = integrate(described, wheels, integrator=integrator)
+        why = advice(trajectory.rejected, len(trajectory), described)
         if not len(trajectory):
             raise LogError(log, "nothing", "; ".join((*why, *wheels.warnings)))
-        why = advice(trajectory.rejected, len(trajectory), described)
         comparison, remarks = _compare(trajectory, truth, described)
         progress.step(f"writing {output.name}")
         write_trajectory(trajectory, output, force=force)
