@@ -10,7 +10,7 @@ from pathlib import Path
 
 from trundle.errors import LogError
 
-__all__ = ["Content", "content_of"]
+__all__ = ["KINDS_OF_LOG", "Content", "beginning_of", "content_of"]
 
 
 class Content(enum.Enum):
@@ -22,9 +22,13 @@ class Content(enum.Enum):
     ROSBAG1 = "rosbag1"
     ROSBAG2 = "rosbag2"
     WPILOG = "WPILOG"
+    JSON = "JSON lines"
     TUB = "donkeycar tub"
     NPZ = "NumPy archive"
 
+
+KINDS_OF_LOG = ", ".join(content.value for content in Content)
+"""All of them, as a sentence has room for them."""
 
 _MAGIC = {
     b"PAR1": Content.PARQUET,
@@ -75,6 +79,16 @@ def content_of(path: str | os.PathLike[str]) -> Content:
         if head.startswith(magic) or magic.startswith(head):
             return content
     return _archive(path, head) or _text(path, head)
+
+
+def beginning_of(path: Path) -> bytes:
+    """The first bytes of a file, without a byte order mark of UTF-8.
+
+    Raises:
+        LogError: If there is no such file, or it is empty or cannot be read.
+    """
+    content_of(path)
+    return _head(path).removeprefix(codecs.BOM_UTF8) if path.is_file() else b""
 
 
 def _archive(path: Path, head: bytes) -> Content | None:
@@ -128,8 +142,7 @@ def _head(path: Path) -> bytes:
 
 
 def _text(path: Path, head: bytes) -> Content:
-    """TEXT, if the bytes can be text and the name does not promise something else."""
-    known = ", ".join(content.value for content in Content)
+    """TEXT or JSON, if the bytes can be text and the name does not promise something else."""
     promised = _BINARY_SUFFIXES.get(path.suffix.lower())
     if promised is not None:
         raise LogError(path, "format", f"its content is not {promised.value}, as its name says")
@@ -138,8 +151,8 @@ def _text(path: Path, head: bytes) -> Content:
     if not wide and controls * (10 if _is_utf8(head) else 50) > len(head):
         if head[1::2].count(0) * 2 > len(head[1::2]) or head[::2].count(0) * 2 > len(head[::2]):
             raise LogError(path, "encoding", "looks like UTF-16 without a byte order mark; save it as UTF-8")
-        raise LogError(path, "format", f"its content is not a known kind of log; known: {known}")
-    return Content.TEXT
+        raise LogError(path, "format", f"its content is not a known kind of log; known: {KINDS_OF_LOG}")
+    return Content.JSON if head.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"{") else Content.TEXT
 
 
 def _is_utf8(head: bytes) -> bool:

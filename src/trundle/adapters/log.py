@@ -117,6 +117,7 @@ def _read_tub(path: Path, robot: Robot, mapping: LogMapping, _salvage: bool) -> 
 _READERS: dict[Content, Reader] = {
     Content.TEXT: _read_table,
     Content.PARQUET: _read_table,
+    Content.JSON: _read_table,
     Content.NPZ: _read_table,
     Content.MCAP: _read_bag,
     Content.ROSBAG1: _read_bag,

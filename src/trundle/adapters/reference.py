@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from trundle.errors import ConfigError
 from trundle.geometry import se2
 from trundle.records import Trajectory
-from trundle.robot.log_mapping import ReferenceMapping
+from trundle.robot.log_mapping import Kind, ReferenceMapping
 
 __all__ = ["TRACKED_POINT", "jumps", "reference_trajectory"]
 
@@ -36,9 +37,18 @@ def reference_trajectory(
         y: In the mapping's unit, shape (N,).
         theta: In the mapping's angle unit, shape (N,); None where it was not measured.
         mapping: Units and mounting.
+
+    Raises:
+        ConfigError: If they are steps, and have no heading or one is not finite: they could not be joined.
     """
     heading = np.full(len(time_ns), np.nan) if theta is None else theta * mapping.angle_unit.factor
     poses = np.stack([x * mapping.unit.factor, y * mapping.unit.factor, heading], axis=-1)
+    if mapping.kind is Kind.INCREMENT:
+        unknown = np.flatnonzero(~np.isfinite(poses).all(axis=1))
+        if len(unknown):
+            problem = f"increment, but step {unknown[0]} is {poses[unknown[0]].tolist()}, must be finite"
+            raise ConfigError("log.reference.kind", problem)
+        poses = _joined(poses)
     mounted = mapping.mounting != (0.0, 0.0, 0.0)
     if mounted and theta is not None:
         poses = se2.compose(poses, se2.inverse(np.array(mapping.mounting)))
@@ -50,6 +60,15 @@ def reference_trajectory(
         frame="map",
         child_frame=TRACKED_POINT if elsewhere else "base_link",
     )
+
+
+def _joined(steps: Floats) -> Floats:
+    """Poses after steps, each in the frame that the one before led to."""
+    heading = np.cumsum(steps[:, 2])
+    before = heading - steps[:, 2]
+    c, s = np.cos(before), np.sin(before)
+    x, y = c * steps[:, 0] - s * steps[:, 1], s * steps[:, 0] + c * steps[:, 1]
+    return np.stack([np.cumsum(x), np.cumsum(y), heading], axis=-1)
 
 
 def jumps(trajectory: Trajectory) -> npt.NDArray[np.int64]:

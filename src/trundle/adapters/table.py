@@ -1,4 +1,4 @@
-"""Tables of numbers: text, Parquet and NumPy archives behind one door."""
+"""Tables of numbers: text, Parquet, JSON lines and NumPy archives behind one door."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Table(Protocol):
 
 
 def open_table(path: str | os.PathLike[str], table_format: TableFormat | None = None) -> Table:
-    """A table by its content: text, Parquet, or a NumPy archive.
+    """A table by its content: text, Parquet, JSON lines, or a NumPy archive.
 
     Args:
         path: The file.
@@ -91,11 +91,17 @@ def open_table(path: str | os.PathLike[str], table_format: TableFormat | None = 
         from trundle.adapters.parquet_table import ParquetTable
 
         return ParquetTable(path)
+    if content is Content.JSON:
+        from trundle.adapters.json_lines import JsonTable
+
+        return JsonTable(path)
     if content is Content.NPZ:
         from trundle.adapters.npz_table import NpzTable
 
         return NpzTable(path)
-    raise LogError(path, "format", f"is {content.value}, must be a table (text, Parquet or NumPy archive)")
+    raise LogError(
+        path, "format", f"is {content.value}, must be a table (text, Parquet, JSON lines or NumPy archive)"
+    )
 
 
 def column_index(path: Path, names: Sequence[ColumnName], column: ColumnName, hint: str = "") -> int:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from trundle.adapters.content import beginning_of
 from trundle.adapters.conversion import (
     Conversion,
     check_steering,
@@ -18,13 +20,14 @@ from trundle.adapters.conversion import (
     wheel_names,
 )
 from trundle.adapters.default_columns import default_time, with_default_columns
+from trundle.adapters.motive import is_motive, read_motive
 from trundle.adapters.numeral import Real, Stamp
 from trundle.adapters.reference import reference_trajectory
 from trundle.adapters.table import ColumnName, Rows, Table, Wanted, open_table
 from trundle.errors import ConfigError, LogSchema
 from trundle.records import Reading, Trajectory, WheelLog
 from trundle.robot import Robot
-from trundle.robot.log_mapping import LogMapping, ReferenceMapping, ScalarMapping, TimeMapping, Unit
+from trundle.robot.log_mapping import Kind, LogMapping, ReferenceMapping, ScalarMapping, TimeMapping, Unit
 
 __all__ = ["read_table_log", "wheel_log_of"]
 
@@ -72,15 +75,20 @@ def wheel_log_of(table: Table, robot: Robot, mapping: LogMapping) -> WheelLog:
 
     rows = table.read(wanted.columns)
     take = wanted.taker(rows)
-    time_ns = take("time")
+    time_ns, seconds = _times(path, take("time"), time)
     check_time(path, time_ns, time.unit)
     for name, scalar in mapping.steering.items():
         check_steering(path, robot, name, scalar, take(f"log.steering.{name}"))
+    readings = _beside([take(f"log.wheels.{name}") for name in wheels])
+    if seconds is not None and readings is not None and reading is Reading.VELOCITY:
+        readings, reading = readings * seconds[:, None], Reading.INCREMENT
     reference, warnings = _reference(table, mapping, time)
+    if reference is not None and time.kind is Kind.INCREMENT and rows.rejected:
+        reference, warnings = None, ("the log's reference is left out: rows without a time lie between",)
     return WheelLog(
         time_ns=time_ns,
         wheel_names=tuple(wheels),
-        wheels=_beside([take(f"log.wheels.{name}") for name in wheels]),
+        wheels=readings,
         reading=reading,
         steering_names=tuple(mapping.steering),
         steering=_beside([take(f"log.steering.{name}") for name in mapping.steering]),
@@ -91,6 +99,15 @@ def wheel_log_of(table: Table, robot: Robot, mapping: LogMapping) -> WheelLog:
         warnings=(*rows.warnings, *warnings),
         source=str(path),
     )
+
+
+def _times(path: Path, column: Array, mapping: TimeMapping) -> tuple[Array, Array | None]:
+    """Stamps [ns], and how long each row took [s] where that is what the log says."""
+    if mapping.kind is not Kind.INCREMENT:
+        return column, None
+    if float(np.abs(column.astype(np.float64)).sum()) >= 2.0**63:
+        raise LogSchema(path, "unit", "its rows took more than 292 years: declare the unit of the time")
+    return np.cumsum(column), column * 1e-9
 
 
 class _WantedColumns:
@@ -151,11 +168,14 @@ def _reference(
     reference = mapping.reference
     if reference is None:
         return None, ()
+    if reference.file is not None:
+        other = table.path.parent / reference.file
+        if is_motive(beginning_of(other)):
+            return _take(other, reference), ()
+        table = open_table(other, mapping.table)
+        time = reference.time or (time if mapping.time else default_time(table.names))
     if reference.columns is None:
         raise _needs_columns(table.path, "log.reference.topic", reference.topic)
-    if reference.file is not None:
-        table = open_table(table.path.parent / reference.file, mapping.table)
-        time = reference.time or (time if mapping.time else default_time(table.names))
     try:
         rows = table.read(
             [Wanted(time.column, Stamp(time.unit)), *(Wanted(c, Real()) for c in reference.columns)]
@@ -164,11 +184,28 @@ def _reference(
         if error.reason != "parse":
             raise
         return None, (f"the log has reference columns, but no row of them is whole: {error.problem}",)
-    check_time(table.path, rows.columns[0], time.unit)
-    trajectory = _trajectory(rows, reference)
+    if Kind.INCREMENT in (time.kind, reference.kind):
+        broken = rows.warnings or ("a number of it is not finite",) * (not _is_finite(rows))
+        if broken:
+            return None, (f"the log's reference adds up row by row, so all must be whole: {broken[0]}",)
+    time_ns, _ = _times(table.path, rows.columns[0], time)
+    check_time(table.path, time_ns, time.unit)
+    trajectory = _trajectory(rows, time_ns, reference)
     return trajectory, tuple(f"reference: {warning}" for warning in rows.warnings)
 
 
-def _trajectory(rows: Rows, mapping: ReferenceMapping) -> Trajectory:
-    time_ns, x, y, *theta = rows.columns
+def _take(path: Path, mapping: ReferenceMapping) -> Trajectory:
+    """The rigid body that the mapping's topic names, as OptiTrack saw it."""
+    seen = read_motive(path, mapping.topic)
+    x, y, theta = seen.poses.T
+    reference = reference_trajectory(seen.time_ns, x, y, theta, mapping)
+    return replace(reference, rejected=seen.rejected)
+
+
+def _is_finite(rows: Rows) -> bool:
+    return all(bool(np.isfinite(column).all()) for column in rows.columns)
+
+
+def _trajectory(rows: Rows, time_ns: Array, mapping: ReferenceMapping) -> Trajectory:
+    _, x, y, *theta = rows.columns
     return reference_trajectory(time_ns, x, y, theta[0] if theta else None, mapping)

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from trundle.adapters.atomic import atomic_path
+from trundle.adapters.content import beginning_of
+from trundle.adapters.trajectory_format import TRAJECTORY_FORMATS
 from trundle.errors import InputError, LogError
 from trundle.records import Trajectory
 
@@ -14,7 +16,7 @@ __all__ = ["TRAJECTORY_SUFFIXES", "read_trajectory", "write_trajectory"]
 
 
 def write_trajectory(trajectory: Trajectory, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write a trajectory: `.tum` (poses), `.csv` or `.parquet` (poses, twists, covariances).
+    """Write a trajectory, in one of `TRAJECTORY_FORMATS`.
 
     At any moment there is the old file or the complete new one.
 
@@ -32,7 +34,7 @@ def write_trajectory(trajectory: Trajectory, path: str | os.PathLike[str], *, fo
     suffix = path.suffix.lower()
     if suffix not in _WRITERS:
         raise InputError(
-            f"{path}: no trajectory format has the suffix {suffix!r}; known: {', '.join(_WRITERS)}"
+            f"{path}: no trajectory format has the suffix {suffix!r}; known: {', '.join(TRAJECTORY_SUFFIXES)}"
         )
     with atomic_path(path, force=force) as temporary:
         _WRITERS[suffix](trajectory, temporary)
@@ -41,8 +43,9 @@ def write_trajectory(trajectory: Trajectory, path: str | os.PathLike[str], *, fo
 def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
     """Read what `write_trajectory` writes: the same stamps and the same numbers.
 
-    A `.tum` file holds no more than poses, headings in (-pi, pi]. Rows that cannot be read are counted
-    in `rejected`.
+    Files of poses and `.mcap` have headings in (-pi, pi], and `.kitti` no times: row k is stamped k seconds.
+    A `.csv` may also be EuRoC's, or a take of OptiTrack's Motive with one rigid body. Rows that cannot be
+    read are counted in `rejected`.
 
     Args:
         path: Its suffix says the format.
@@ -55,7 +58,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in _READERS:
-        known = ", ".join(_READERS)
+        known = ", ".join(TRAJECTORY_SUFFIXES)
         raise LogError(path, "format", f"no trajectory format has the suffix {suffix!r}; known: {known}")
     return _READERS[suffix](path)
 
@@ -72,10 +75,28 @@ def _write_csv(trajectory: Trajectory, path: Path) -> None:
     write_trajectory_csv(trajectory, path)
 
 
+def _write_json(trajectory: Trajectory, path: Path) -> None:
+    from trundle.adapters.trajectory_table import write_trajectory_json
+
+    write_trajectory_json(trajectory, path)
+
+
 def _write_parquet(trajectory: Trajectory, path: Path) -> None:
     from trundle.adapters.trajectory_table import write_trajectory_parquet
 
     write_trajectory_parquet(trajectory, path)
+
+
+def _write_kitti(trajectory: Trajectory, path: Path) -> None:
+    from trundle.adapters.kitti import write_kitti
+
+    write_kitti(trajectory, path)
+
+
+def _write_euroc(trajectory: Trajectory, path: Path) -> None:
+    from trundle.adapters.euroc import write_euroc
+
+    write_euroc(trajectory, path)
 
 
 def _write_mcap(trajectory: Trajectory, path: Path) -> None:
@@ -102,6 +123,28 @@ def _read_table(path: Path) -> Trajectory:
     return read_trajectory_table(path)
 
 
+def _read_csv(path: Path) -> Trajectory:
+    """Trundle's own columns, or what begins as EuRoC's or Motive's files do."""
+    from trundle.adapters import euroc, motive
+
+    beginning = beginning_of(path)
+    if euroc.is_euroc(beginning):
+        return euroc.read_euroc(path)
+    return motive.read_motive(path) if motive.is_motive(beginning) else _read_table(path)
+
+
+def _read_kitti(path: Path) -> Trajectory:
+    from trundle.adapters.kitti import read_kitti
+
+    return read_kitti(path)
+
+
+def _read_euroc(path: Path) -> Trajectory:
+    from trundle.adapters.euroc import read_euroc
+
+    return read_euroc(path)
+
+
 def _read_mcap(path: Path) -> Trajectory:
     from trundle.adapters.mcap_trajectory import read_mcap_trajectory
 
@@ -114,21 +157,27 @@ def _read_wpilog(path: Path) -> Trajectory:
     return read_wpilog_trajectory(path)
 
 
-# A format to come is a line in each; nothing is loaded until it is used.
+# Nothing is loaded until it is used.
 _WRITERS: dict[str, Callable[[Trajectory, Path], None]] = {
     ".tum": _write_tum,
+    ".kitti": _write_kitti,
+    ".euroc": _write_euroc,
     ".csv": _write_csv,
+    ".jsonl": _write_json,
     ".parquet": _write_parquet,
     ".mcap": _write_mcap,
     ".wpilog": _write_wpilog,
 }
 _READERS: dict[str, Callable[[Path], Trajectory]] = {
     ".tum": _read_tum,
-    ".csv": _read_table,
+    ".kitti": _read_kitti,
+    ".euroc": _read_euroc,
+    ".csv": _read_csv,
+    ".jsonl": _read_table,
     ".parquet": _read_table,
     ".mcap": _read_mcap,
     ".wpilog": _read_wpilog,
 }
 
-TRAJECTORY_SUFFIXES = tuple(_WRITERS)
-"""What a file name may end in to be written."""
+TRAJECTORY_SUFFIXES = tuple(form.suffix for form in TRAJECTORY_FORMATS)
+"""What a file name may end in to be written, and to be read."""

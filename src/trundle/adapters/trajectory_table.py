@@ -1,4 +1,4 @@
-"""Trajectories as tables, CSV and Parquet: poses, and twists and covariances where there are any.
+"""Trajectories as tables, CSV, JSON lines and Parquet: poses, and twists and covariances where there are any.
 
 Columns: `time_ns`, `x`, `y`, `theta`; `vx`, `vy`, `omega`; the upper triangle of the covariance
 `covariance.xx`, `.xy`, `.xtheta`, `.yy`, `.ytheta`, `.thetatheta`.
@@ -6,6 +6,7 @@ Columns: `time_ns`, `x`, `y`, `theta`; `vx`, `vy`, `omega`; the upper triangle o
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,15 @@ import numpy.typing as npt
 from trundle.adapters.default_columns import default_time
 from trundle.adapters.numeral import Real, Stamp
 from trundle.adapters.table import Wanted, open_table
-from trundle.errors import MissingExtra
+from trundle.errors import InputError, MissingExtra
 from trundle.records import Trajectory
 
-__all__ = ["read_trajectory_table", "write_trajectory_csv", "write_trajectory_parquet"]
+__all__ = [
+    "read_trajectory_table",
+    "write_trajectory_csv",
+    "write_trajectory_json",
+    "write_trajectory_parquet",
+]
 
 _POSE = ("x", "y", "theta")
 _TWIST = ("vx", "vy", "omega")
@@ -34,6 +40,27 @@ def write_trajectory_csv(trajectory: Trajectory, path: Path) -> None:
         file.write(",".join(columns) + "\n")
         rows = zip(*(map(repr, column.tolist()) for column in columns.values()), strict=True)
         file.writelines(",".join(row) + "\n" for row in rows)
+
+
+def write_trajectory_json(trajectory: Trajectory, path: Path) -> None:
+    """Write one JSON object per line. Numbers have what it takes to read back the same.
+
+    Raises:
+        InputError: If a number is not finite: JSON has no word for it.
+    """
+    columns = _columns(trajectory)
+    for name, column in columns.items():
+        unknown = np.flatnonzero(~np.isfinite(column))
+        if unknown.size:
+            value = column[unknown[0]]
+            raise InputError(
+                f"{name} {unknown[0]} is {value}, must be finite in a .jsonl file; .csv can hold it"
+            )
+    keys = [json.dumps(name) for name in columns]
+    with path.open("w", encoding="ascii", newline="\n") as file:
+        for row in zip(*(map(repr, column.tolist()) for column in columns.values()), strict=True):
+            members = (f"{key}: {value}" for key, value in zip(keys, row, strict=True))
+            file.write(f"{{{', '.join(members)}}}\n")
 
 
 def write_trajectory_parquet(trajectory: Trajectory, path: Path) -> None:
@@ -54,7 +81,7 @@ def write_trajectory_parquet(trajectory: Trajectory, path: Path) -> None:
 
 
 def read_trajectory_table(path: Path) -> Trajectory:
-    """Read CSV or Parquet with these columns; `time` in seconds may stand in for `time_ns`.
+    """Read CSV, JSON lines or Parquet with these columns; `time` in seconds may stand in for `time_ns`.
 
     Raises:
         LogSchema: If a column is missing; twists and covariances may be, each as a whole. Without

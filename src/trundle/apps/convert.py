@@ -8,6 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from trundle.adapters.content import KINDS_OF_LOG
+from trundle.adapters.trajectory_format import holdings
 from trundle.apps.exit_code import ExitCode
 from trundle.apps.output_file import check_output
 from trundle.apps.wording import counted, labelled, plural, seconds
@@ -16,8 +18,8 @@ __all__ = ["convert"]
 
 
 def convert(
-    source: Path,
-    output: Path,
+    source: Annotated[Path, Parameter(help=f"A trajectory, told by its suffix; or a log: {KINDS_OF_LOG}.")],
+    output: Annotated[Path, Parameter(help=f"Its suffix says the format: {holdings()}; .csv for a log.")],
     /,
     *,
     robot: Path | None = None,
@@ -47,6 +49,7 @@ def convert(
     facts = [
         ("poses", f"{len(trajectory)}, {seconds(trajectory.duration)}"),
         ("rejected", counted(trajectory.rejected)),
+        ("events", counted(trajectory.events)),
         ("trajectory", str(output)),
     ]
     print(*labelled(facts), sep="\n")

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+from cyclopts import Parameter
+
+from trundle.adapters.content import KINDS_OF_LOG
 from trundle.apps.exit_code import ExitCode
 from trundle.apps.progress import Progress
 from trundle.apps.wording import aligned, counted, digits, labelled, plural, seconds, size
@@ -30,12 +33,13 @@ _LONGEST_TYPE = 45
 _MEASURING = ("sensor_msgs", "nav_msgs", "geometry_msgs", "vesc_msgs")
 
 
-def info(log: Path, /, *, robot: Path | None = None) -> ExitCode:
+def info(
+    log: Annotated[Path, Parameter(help=f"{KINDS_OF_LOG}.")], /, *, robot: Path | None = None
+) -> ExitCode:
     """Say what a log holds, and propose a log: section for robot.yaml.
 
     Args:
-        log: CSV or another text table, Parquet, MCAP, rosbag2 (file or folder), rosbag1, WPILOG or a
-            donkeycar tub.
+        log: Of any format that `read_log` knows.
         robot: A robot's description: the section is then written for its wheels, and its own is tried.
     """
     from trundle.adapters.content import Content, content_of
@@ -45,7 +49,7 @@ def info(log: Path, /, *, robot: Path | None = None) -> ExitCode:
     content = content_of(log)
     with Progress(1) as progress:
         progress.step(f"reading {log.name}")
-        tables = (Content.TEXT, Content.PARQUET, Content.TUB)
+        tables = (Content.TEXT, Content.PARQUET, Content.JSON, Content.NPZ, Content.TUB)
         kind = _TableReport if content in tables else _BagReport
         report = kind(log, content, described)
         tried = [] if described is None else _tried(log, described)

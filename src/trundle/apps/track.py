@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from trundle.adapters.content import KINDS_OF_LOG
+from trundle.adapters.trajectory_format import holdings
 from trundle.apps.exit_code import ExitCode
 from trundle.apps.output_file import check_output
 from trundle.apps.progress import Progress
@@ -29,11 +31,11 @@ Way = Literal["arc+", "arc", "midpoint", "euler", "symmetric"]
 
 
 def track(
-    log: Path,
+    log: Annotated[Path, Parameter(help=f"Its wheel log: {KINDS_OF_LOG}.")],
     /,
     *,
     robot: Path,
-    output: Annotated[Path, Parameter(alias="-o")],
+    output: Annotated[Path, Parameter(alias="-o", help=f"The trajectory: {holdings()}.")],
     plot: Path | None = None,
     reference: Path | None = None,
     integrator: Way = "arc+",
@@ -44,10 +46,10 @@ def track(
     """Integrate a wheel log into a trajectory, and say how it went.
 
     Args:
-        log: CSV, Parquet, MCAP, rosbag2 (file or folder) or rosbag1.
+        log: Of any format that `read_log` knows.
         robot: The robot's description (robot.yaml); its log: section says what the log's columns or topics
             mean.
-        output: The trajectory: .tum (poses), .csv or .parquet (poses, twists, covariances).
+        output: The trajectory; its suffix says the format.
         plot: A picture as well: .png, .svg or .pdf.
         reference: A trajectory to compare with, in place of the log's own reference.
         integrator: How steps become a path.
@@ -58,7 +60,6 @@ def track(
     from trundle.adapters.log import read_log
     from trundle.adapters.robot_yaml import load_robot
     from trundle.adapters.trajectory import TRAJECTORY_SUFFIXES, read_trajectory, write_trajectory
-    from trundle.apps.rejection import MOST, advice
     from trundle.errors import InputError, LogError, MissingExtra
     from trundle.odometry.integrate import integrate
 
@@ -78,9 +79,8 @@ def track(
         truth = wheels.reference if reference is None else read_trajectory(reference)
         progress.step(f"integrating {len(wheels)} samples")
         trajectory = integrate(described, wheels, integrator=integrator)
-        why = advice(trajectory.rejected, len(trajectory), described)
         if not len(trajectory):
-            raise LogError(log, "nothing", "; ".join((*why, *wheels.warnings)))
+            raise LogError(log, "nothing", f"no sample was accepted: {counted(trajectory.rejected)}")
         comparison, remarks = _compare(trajectory, truth, described)
         progress.step(f"writing {output.name}")
         write_trajectory(trajectory, output, force=force)
@@ -88,13 +88,11 @@ def track(
             progress.step(f"drawing {plot.name}")
             _draw(trajectory, wheels, truth, described, plot)
 
-    for warning in (*wheels.warnings, *why, *remarks):
+    for warning in (*wheels.warnings, *remarks):
         print(f"trundle: warning: {warning}", file=sys.stderr)
     print(f"{described.name}: {log}")
     print(*labelled(_summary(trajectory, comparison, output, plot)), sep="\n")
-    refused = sum(trajectory.rejected.values())
-    partial = wheels.losses or refused > MOST * (refused + len(trajectory))
-    return ExitCode.PARTIAL if partial else ExitCode.FINE
+    return ExitCode.PARTIAL if wheels.losses else ExitCode.FINE
 
 
 def _compare(

@@ -110,12 +110,21 @@ class _Section(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 class TimeMapping(_Section, frozen=True):
-    """Where a table keeps its time."""
+    """Where a table keeps its time.
+
+    Attributes:
+        column: Name of its column, or its number.
+        unit: What it is written in.
+        kind: `increment` where each row says how long it took. Its speeds are then means over the row.
+    """
 
     column: str | int = "time"
     unit: Unit = Unit.S
+    kind: Kind = Kind.POSITION
 
     def __post_init__(self) -> None:
+        if self.kind is Kind.VELOCITY:
+            raise ConfigError("kind", f"{self.kind.value!r}, must be position or increment")
         if self.unit.dimension != "time":
             raise ConfigError("unit", f"{self.unit.value!r}, must be one of s, ms, us, ns")
 
@@ -196,6 +205,8 @@ class ReferenceMapping(_Section, frozen=True):
         angle_unit: Unit of theta.
         mounting: Pose (x, y, yaw) [m, m, rad] of the tracked point in the robot's frame.
         delay: How much later than the wheels' it is stamped [s]: what it says at t was so at t - delay.
+        kind: `increment` where each row says how the tracked point moved since the row before, in its own
+            frame, as a scan matcher does.
     """
 
     topic: str | None = None
@@ -206,6 +217,7 @@ class ReferenceMapping(_Section, frozen=True):
     angle_unit: Unit = Unit.RAD
     mounting: tuple[float, float, float] = (0.0, 0.0, 0.0)
     delay: float = 0.0
+    kind: Kind = Kind.POSITION
 
     def __post_init__(self) -> None:
         if (self.columns is None) == (self.topic is None):
@@ -218,6 +230,10 @@ class ReferenceMapping(_Section, frozen=True):
             raise ConfigError("unit", f"{self.unit.value!r}, must be a length (m, mm, cm, in, ft)")
         if self.angle_unit.dimension != "angle":
             raise ConfigError("angle_unit", f"{self.angle_unit.value!r}, must be rad, deg or rev")
+        if self.kind is Kind.VELOCITY:
+            raise ConfigError("kind", f"{self.kind.value!r}, must be position or increment")
+        if self.kind is Kind.INCREMENT and self.columns is not None and len(self.columns) != 3:
+            raise ConfigError("columns", "2 given, must be [x, y, theta] where kind is increment")
 
 
 class TableFormat(_Section, frozen=True):

@@ -1,0 +1,51 @@
+"""KITTI trajectories: per line the upper three rows of a pose's matrix, twelve numbers, and no time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from trundle.adapters.numeral import Real
+from trundle.adapters.table import Wanted, open_table
+from trundle.errors import InputError, LogSchema
+from trundle.records import Trajectory
+from trundle.robot.log_mapping import TableFormat
+
+__all__ = ["read_kitti", "write_kitti"]
+
+ROW_NS = 1_000_000_000
+
+
+def write_kitti(trajectory: Trajectory, path: Path) -> None:
+    """Write the poses, in their order; the format has no place for their times.
+
+    Raises:
+        InputError: If a pose is not finite: other readers of the format refuse it.
+    """
+    unknown = np.flatnonzero(~np.isfinite(trajectory.poses).all(axis=1))
+    if unknown.size:
+        pose = trajectory.poses[unknown[0]].tolist()
+        raise InputError(f"pose {unknown[0]} is {pose}, must be finite in a .kitti file; .csv can hold it")
+    x, y, theta = trajectory.poses.T
+    rows = zip(*(c.tolist() for c in (x, y, np.cos(theta), np.sin(theta))), strict=True)
+    with path.open("w", encoding="ascii", newline="\n") as file:
+        file.writelines(f"{c!r} {-s!r} 0 {x!r} {s!r} {c!r} 0 {y!r} 0 0 1 0\n" for x, y, c, s in rows)
+
+
+def read_kitti(path: Path) -> Trajectory:
+    """Read poses; headings come in (-pi, pi]. Row k is stamped k seconds, and `events` says `untimed`.
+
+    Raises:
+        LogError: If the file cannot be read.
+        LogSchema: If it has other than twelve columns, or a row is not whole: rows stand for times.
+    """
+    table = open_table(path, TableFormat(delimiter=" ", header=False))
+    if len(table.names) != 12:
+        raise LogSchema(path, "column", f"{len(table.names)} columns, must be the 12 of a KITTI trajectory")
+    rows = table.read([Wanted(k, Real()) for k in (3, 7, 0, 4)])
+    if rows.rejected:
+        raise LogSchema(path, "parse", f"rows stand for times, so all must be whole: {rows.warnings[0]}")
+    x, y, c, s = rows.columns
+    poses = np.stack([x, y, np.arctan2(s, c)], axis=-1)
+    return Trajectory(time_ns=np.arange(len(x)) * ROW_NS, poses=poses, events={"untimed": len(x)})
