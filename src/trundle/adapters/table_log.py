@@ -20,10 +20,12 @@ from trundle.adapters.conversion import (
     wheel_names,
 )
 from trundle.adapters.default_columns import default_time, with_default_columns
+from trundle.adapters.doubts import WheelColumn, doubts
 from trundle.adapters.motive import is_motive, read_motive
 from trundle.adapters.numeral import Real, Stamp
 from trundle.adapters.reference import reference_trajectory
 from trundle.adapters.table import ColumnName, Rows, Table, Wanted, open_table
+from trundle.adapters.text_table import TextTable
 from trundle.errors import ConfigError, LogSchema
 from trundle.records import Reading, Trajectory, WheelLog
 from trundle.robot import Robot
@@ -55,7 +57,8 @@ def read_table_log(path: Path, robot: Robot, mapping: LogMapping) -> WheelLog:
 def wheel_log_of(table: Table, robot: Robot, mapping: LogMapping) -> WheelLog:
     """An open table as a wheel log; see `read_table_log`."""
     path = table.path
-    mapping = with_default_columns(mapping, robot, path, table.names)
+    dialect = table.dialect_hint if isinstance(table, TextTable) else ""
+    mapping = with_default_columns(mapping, robot, path, table.names, dialect)
     time = mapping.time or default_time(table.names)
     wheels = {name: mapping.wheels[name] for name in _names(robot, mapping)}
     reading, conversions = wheel_conversions(robot, wheels) if wheels else (Reading.POSITION, {})
@@ -79,7 +82,12 @@ def wheel_log_of(table: Table, robot: Robot, mapping: LogMapping) -> WheelLog:
     check_time(path, time_ns, time.unit)
     for name, scalar in mapping.steering.items():
         check_steering(path, robot, name, scalar, take(f"log.steering.{name}"))
-    readings = _beside([take(f"log.wheels.{name}") for name in wheels])
+    columns = [
+        WheelColumn(name, wheel, reading, conversions[name], time_ns, take(f"log.wheels.{name}"))
+        for name, wheel in wheels.items()
+    ]
+    readings = _beside([column.values for column in columns])
+    doubtful = doubts(robot, columns)
     if seconds is not None and readings is not None and reading is Reading.VELOCITY:
         readings, reading = readings * seconds[:, None], Reading.INCREMENT
     reference, warnings = _reference(table, mapping, time)
@@ -96,7 +104,7 @@ def wheel_log_of(table: Table, robot: Robot, mapping: LogMapping) -> WheelLog:
         twists=_beside([take(f"log.twist.{column}") for column in twist]),
         reference=reference,
         rejected=rows.rejected,
-        warnings=(*rows.warnings, *warnings),
+        warnings=(*rows.warnings, *doubtful, *warnings),
         source=str(path),
     )
 

@@ -60,6 +60,7 @@ def track(
     from trundle.adapters.log import read_log
     from trundle.adapters.robot_yaml import load_robot
     from trundle.adapters.trajectory import TRAJECTORY_SUFFIXES, read_trajectory, write_trajectory
+    from trundle.apps.rejection import MOST, advice
     from trundle.errors import InputError, LogError, MissingExtra
     from trundle.odometry.integrate import integrate
 
@@ -79,8 +80,9 @@ def track(
         truth = wheels.reference if reference is None else read_trajectory(reference)
         progress.step(f"integrating {len(wheels)} samples")
         trajectory = integrate(described, wheels, integrator=integrator)
+        why = advice(trajectory.rejected, len(trajectory), described)
         if not len(trajectory):
-            raise LogError(log, "nothing", f"no sample was accepted: {counted(trajectory.rejected)}")
+            raise LogError(log, "nothing", "; ".join((*why, *wheels.warnings)))
         comparison, remarks = _compare(trajectory, truth, described)
         progress.step(f"writing {output.name}")
         write_trajectory(trajectory, output, force=force)
@@ -88,11 +90,13 @@ def track(
             progress.step(f"drawing {plot.name}")
             _draw(trajectory, wheels, truth, described, plot)
 
-    for warning in (*wheels.warnings, *remarks):
+    for warning in (*wheels.warnings, *why, *remarks):
         print(f"trundle: warning: {warning}", file=sys.stderr)
     print(f"{described.name}: {log}")
     print(*labelled(_summary(trajectory, comparison, output, plot)), sep="\n")
-    return ExitCode.PARTIAL if wheels.losses else ExitCode.FINE
+    refused = sum(trajectory.rejected.values())
+    partial = wheels.losses or refused > MOST * (refused + len(trajectory))
+    return ExitCode.PARTIAL if partial else ExitCode.FINE
 
 
 def _compare(
