@@ -31,11 +31,14 @@ _WHEEL = {
     "distance": (Unit.M, Kind.POSITION),
     "velocity": (Unit.RAD_S, Kind.VELOCITY),
 }
+_PROPOSAL = "trundle info proposes a log: section"
 _GYRO = "gyro.yaw_rate"
 _REFERENCE = ("reference.x", "reference.y", "reference.theta")
 
 
-def with_default_columns(mapping: LogMapping, robot: Robot, path: Path, names: Names) -> LogMapping:
+def with_default_columns(
+    mapping: LogMapping, robot: Robot, path: Path, names: Names, hint: str = ""
+) -> LogMapping:
     """The mapping, with Trundle's own columns for everything that it does not say.
 
     Args:
@@ -43,14 +46,17 @@ def with_default_columns(mapping: LogMapping, robot: Robot, path: Path, names: N
         robot: Whose wheels are looked for.
         path: The table, for errors.
         names: Its columns.
+        hint: What else may be the matter with the table, for errors.
 
     Raises:
         LogSchema: If a wheel or steering angle that the robot measures is nowhere, or a wheel is there in
             several ways.
     """
     drive = robot.measuring
-    wheels = mapping.wheels or _wheels(drive.measured_names, path, names, optional=mapping.twist is not None)
-    steering = mapping.steering or (_steering(drive.steered_names, path, names) if wheels else {})
+    wheels = mapping.wheels or _wheels(
+        drive.measured_names, path, names, hint, optional=mapping.twist is not None
+    )
+    steering = mapping.steering or (_steering(drive.steered_names, path, names, hint) if wheels else {})
     gyro = mapping.gyro or (ScalarMapping(column=_GYRO) if _GYRO in names else None)
     return msgspec.structs.replace(
         mapping,
@@ -67,7 +73,9 @@ def default_time(names: Names) -> TimeMapping:
     return TimeMapping(column="time_ns", unit=Unit.NS) if "time_ns" in names else TimeMapping()
 
 
-def _wheels(wheels: tuple[str, ...], path: Path, names: Names, *, optional: bool) -> dict[str, WheelMapping]:
+def _wheels(
+    wheels: tuple[str, ...], path: Path, names: Names, hint: str, *, optional: bool
+) -> dict[str, WheelMapping]:
     begun = [word for word in _WHEEL if any(f"{wheel}.{word}" in names for wheel in wheels)]
     if not begun and optional:
         return {}
@@ -77,13 +85,15 @@ def _wheels(wheels: tuple[str, ...], path: Path, names: Names, *, optional: bool
     word = begun[0] if begun else "position"
     unit, kind = _WHEEL[word]
     for wheel in wheels:
-        column_index(path, names, f"{wheel}.{word}", "log.wheels can say which column is which wheel")
+        column_index(path, names, f"{wheel}.{word}", hint or f"log.wheels can say which it is; {_PROPOSAL}")
     return {wheel: WheelMapping(column=f"{wheel}.{word}", unit=unit, kind=kind) for wheel in wheels}
 
 
-def _steering(wheels: tuple[str, ...], path: Path, names: Names) -> dict[str, ScalarMapping]:
+def _steering(wheels: tuple[str, ...], path: Path, names: Names, hint: str) -> dict[str, ScalarMapping]:
     for wheel in wheels:
-        column_index(path, names, f"{wheel}.steering", "log.steering can say which column it is")
+        column_index(
+            path, names, f"{wheel}.steering", hint or f"log.steering can say which it is; {_PROPOSAL}"
+        )
     return {wheel: ScalarMapping(column=f"{wheel}.steering") for wheel in wheels}
 
 
