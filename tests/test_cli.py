@@ -25,6 +25,10 @@ LOG, ROBOT = EXAMPLES / "differential" / "run.csv", EXAMPLES / "differential" / 
 DIFFERENTIAL = "drive: {type: differential, track_width: 0.2, wheel_radius: 0.05}\n"
 
 
+STAMPS = [f"{k}.0,{k},{k}" for k in range(1, 31)]
+SHUFFLED = "\n".join(("time,left.position,right.position", *STAMPS[15:], *STAMPS[:15])) + "\n"
+
+
 @pytest.fixture
 def run(capsys):
     """Run a command; its exit code, and what it said on stdout and stderr."""
@@ -408,6 +412,12 @@ def test_usage_and_configuration_errors(run, monkeypatch, tmp_path, case):
         ("", "holds no bytes"),
         ("time,left.position\n1,2\n", "right.position"),
         ("time,left.position,right.position\n1,nan,2\n2,nan,4\n", "no sample was accepted: 2 nonfinite"),
+        ("time;left.position;right.position\n1;1;1\n2;2;2\n", "it has 1 column: time;left"),
+        ("time;left.position;right.position\n1;1;1\n2;2;2\n", 'declare log.table.delimiter: ";"'),
+        ("0,1,1\n1,2,2\n", "declare log.table.header: false; trundle info proposes the whole section"),
+        ("time,a,b\n1,1,1\n2,2,2\n", "log.wheels can say which it is; trundle info proposes"),
+        (SHUFFLED, "(--sort) puts all rows in order: right where rows were shuffled"),
+        (SHUFFLED.replace(".0,", "000000,"), "declare log.time.unit: us?"),
     ],
 )
 def test_data_errors(run, tmp_path, robot, content, wanted):

@@ -42,6 +42,10 @@ def described(out: str) -> str:
     return out[out.index("\nlog:") + 1 :]
 
 
+def section_of(text: str):
+    return parse_yaml(text.encode(), "info").data["log"]
+
+
 def proposed(capsys, log, *options):
     assert main(["info", str(log), *map(str, options)]) == 0
     said = capsys.readouterr()
@@ -149,6 +153,28 @@ def test_steering_of_a_table_without_header(capsys, tmp_path):
     log = tr.read_log(tmp_path / "run.csv", tr.load_robot(tmp_path / "robot.yaml"))
     assert (log.wheel_names, log.steering_names) == (("front",), ("front",))
     np.testing.assert_allclose(log.steering[:, 0], 0.3 * np.sin(np.arange(40)), atol=1e-4)
+
+
+def test_a_table_without_time(capsys, tmp_path):
+    """A counter that only grows is none."""
+    log = tmp_path / "run.csv"
+    log.write_text("left_ticks,right_ticks\n" + "".join(f"{20 * k},{21 * k}\n" for k in range(30)))
+    assert main(["info", str(log)]) == 0
+    out = capsys.readouterr().out
+    assert set(section_of(described(out))["wheels"]) == {"left", "right"}
+    assert "no column looks like time" in out
+    assert "# No column looks like time, without which nothing can be tracked" in out
+
+
+def test_angles_of_a_table_without_header(capsys, tmp_path):
+    log = tmp_path / "run.csv"
+    log.write_text("".join(f"{0.1 * k:.1f},{0.51 * k:.2f},{0.49 * k:.2f}\n" for k in range(40)))
+    section = section_of(proposed(capsys, log))
+    assert section["table"] == {"header": False}
+    assert section["wheels"] == {
+        "left": {"column": 1, "unit": "rad", "kind": "position"},
+        "right": {"column": 2, "unit": "rad", "kind": "position"},
+    }
 
 
 def test_rhythm_of_a_log(capsys, tmp_path):

@@ -187,7 +187,7 @@ def listed(names: Iterable[str], *, like: str = "", most: int = 24) -> str:
     return f"{', '.join(near[: most // 2])} and {len(names) - most // 2} more (trundle info lists all)"
 
 
-def no_such(what: str, word: str, known: Iterable[str], has: str = "") -> str:
+def no_such(what: str, word: str | int, known: Iterable[str], has: str = "") -> str:
     """`no topic '/odm'; did you mean '/odom'? It has /cmd_vel, /odom`.
 
     Args:
@@ -197,6 +197,6 @@ def no_such(what: str, word: str, known: Iterable[str], has: str = "") -> str:
         has: What to list in their place.
     """
     known = list(known)
-    near = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    near = difflib.get_close_matches(str(word), known, n=1, cutoff=0.6)
     question = f"did you mean {near[0]!r}? It" if near else "it"
-    return f"no {what} {word!r}; {question} has {has or listed(known, like=word)}"
+    return f"no {what} {word!r}; {question} has {has or listed(known, like=str(word))}"

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from trundle.adapters.content import Content, content_of
 from trundle.adapters.numeral import Numeral
-from trundle.errors import LogError, LogSchema, did_you_mean
+from trundle.errors import LogError, LogSchema, listed, no_such
 from trundle.robot.log_mapping import TableFormat
 
 __all__ = ["ColumnName", "Rows", "Table", "Wanted", "column_index", "open_table"]
@@ -118,7 +118,7 @@ def column_index(path: Path, names: Sequence[ColumnName], column: ColumnName, hi
     if found:
         raise LogSchema(path, "column", f"columns {found} are all named {column!r}; choose one by its number")
     words = [str(name) for name in names]
-    columns = f"{len(words)} columns: {', '.join(words[:40])}{', ...' if len(words) > 40 else ''}"
-    nearest = did_you_mean(str(column), words)
-    nearest = f"{nearest} " if nearest.startswith("did") else ""
-    raise LogSchema(path, "column", f"no column {column!r}; {nearest}it has {columns}{hint and '; ' + hint}")
+    has = f"{len(words)} column{'s' * (len(words) != 1)}: {listed(words, like=str(column))}"
+    problem = no_such("column", column, words, has)
+    advice = hint or "trundle info shows what its columns hold, and proposes a log: section"
+    raise LogSchema(path, "column", f"{problem}; {advice}")

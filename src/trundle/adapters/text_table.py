@@ -73,6 +73,10 @@ class TextTable:
     @property
     def dialect_hint(self) -> str:
         """What the table looks like, where that is not what its format says; else empty."""
+        return self._dialect and f"{self._dialect}; trundle info proposes the whole section"
+
+    @property
+    def _dialect(self) -> str:
         lines = [line for _, line in self._sample]
         undivided = all(len(line.split(self._delimiter)) == 1 for line in lines)
         for other, word in (_LIKELY | _UNLIKELY if undivided else _LIKELY).items():

@@ -69,6 +69,8 @@ def _proposed(proposal: Proposal) -> list[str]:
     head = ["", "# A section for robot.yaml, guessed: check columns, units, kinds and signs."]
     if not {"wheels", "twist"} & set(proposal.section):
         head.append("# No column or topic looks like wheels: add wheels: or twist: by hand.")
+    if "column" in str(proposal.section) and "time" not in proposal.section:
+        head.append("# No column looks like time, without which nothing can be tracked: add time: by hand.")
     return [*head, *section_text(proposal.ordered)]
 
 

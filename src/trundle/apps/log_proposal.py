@@ -191,9 +191,15 @@ def _is_angle(column: Column) -> bool:
 
 
 def _time_column(columns: Sequence[Column]) -> Column | None:
-    """A column called time, else the first that only grows."""
+    """A column called time, else the first that only grows and is not called something else."""
     named = [column for column in columns if _TIME & set(column.words) and _grows(column, 0.8)]
-    return next(iter((*named, *(column for column in columns if _grows(column, 0.95)))), None)
+    others = [column for column in columns if not _is_reading(column) and _grows(column, 0.95)]
+    return next(iter((*named, *others)), None)
+
+
+def _is_reading(column: Column) -> bool:
+    """Whether its name says a wheel or a unit that no time has."""
+    return bool(wheel_meant(str(column.name)) or set(_UNITS) & set(column.words))
 
 
 def _grows(column: Column, part: float) -> bool:
@@ -263,8 +269,13 @@ def _propose_wheels(proposal: Proposal, columns: Sequence[Column], wheels: Seque
 
 
 def _unnamed_wheels(columns: Sequence[Column], count: int) -> list[Column]:
-    """In a table without header: the counters; of too many those that differ; else the last columns."""
-    counters = [column for column in columns if column.is_whole and np.ptp(column.values) > 0.0]  # type: ignore[arg-type]
+    """In a table without header: the counters; of too many those that differ; else the last columns.
+
+    Without counters, what adds up like one.
+    """
+    moving = [column for column in columns if np.ptp(column.values) > 0.0]  # type: ignore[arg-type]
+    counters = [column for column in moving if column.is_whole]
+    counters = counters or [column for column in moving if _is_running_total(column)]
     totals = [column for column in counters if _is_running_total(column)]
     counters = totals or counters
     if not count or len(counters) == count:
