@@ -30,6 +30,7 @@ _VERBS = {
     "compare": ("trundle.apps.compare:compare", "How far a trajectory is from a reference."),
     "info": ("trundle.apps.info:info", "What is in a log, and a log: section for it to start from."),
     "convert": ("trundle.apps.convert:convert", "The same trajectory, or log, in another format."),
+    "ros2": ("trundle.apps.ros2.launch:ros2", "A robot, real or simulated, live on ROS 2."),
     "lint": ("trundle.apps.lint:lint", "What is likely to be wrong in a ROS 2 controller's parameters."),
     "inverse": ("trundle.apps.kinematics:inverse", "Body twist to wheel speeds and steering angles."),
     "forward": ("trundle.apps.kinematics:forward", "Wheel speeds and steering angles to a body twist."),

@@ -169,6 +169,8 @@ class WheelOdometry:
         "_special",
         "_steered",
         "_steering",
+        "_step_noise",
+        "_step_seconds",
         "_steps",
         "_strikes",
         "_stuck",
@@ -249,7 +251,8 @@ class WheelOdometry:
         self._steering: Numbers = ()
         self._yaw_rate: float | None = None
         self._twist = Twist2D()
-        self._quantum = ZERO
+        self._quantum = self._step_noise = ZERO
+        self._step_seconds = math.inf
         self._more = self.errors is not None and (self.errors.drifts > 0 or self.errors.ticks)
         self._lost = False
         self.reset(pose or Pose2D())
@@ -266,6 +269,15 @@ class WheelOdometry:
     def stuck(self) -> tuple[str, ...]:
         """Wheels whose encoder stands still although they must turn; the pose does without them if it can."""
         return tuple(self.drive.measured_names[index] for index in self._stuck)
+
+    @property
+    def twist_covariance(self) -> Six:
+        """Upper triangle of the covariance of the last step's mean twist; zero without a step.
+
+        What is independent from step to step, and a tick of doubt at either end, over the time squared.
+        """
+        scale = self._step_seconds**-2
+        return weighted_sum((scale, 2.0 * scale), (self._step_noise, self._quantum))
 
     @property
     def offered(self) -> int:
@@ -494,6 +506,7 @@ class WheelOdometry:
             noise = self.errors.noise(gains, turned, measured, seconds, turn is not None)
             if reason == "gap":
                 noise = _unknown_path(noise, dx, dy)
+            self._step_noise, self._step_seconds = noise, seconds
             self._covariance = propagate(
                 self._covariance, (dx, dy, dt), noise, chord=self._chord, lead=self._lead
             )
@@ -715,6 +728,7 @@ class WheelOdometry:
             self._quantum = self.errors.gains(steering, self._has_gyro)[2]
             self._covariance = weighted_sum((1.0, 1.0), (self._covariance, self._quantum))
         self._twist = Twist2D()
+        self._step_noise, self._step_seconds = ZERO, math.inf
         self._break_off()
         self._lost = False
         self._strikes = 0
