@@ -316,6 +316,7 @@ def test_compare_says_what_has_no_common_time(run, pair):
     code, out, err = run("compare", *pair, "--time-offset", "1e6")
     assert (code, out) == (ExitCode.DATA, "")
     assert "no time in common" in err
+    assert re.search(r"\(--time-offset -1\d{6}\.\d{3}\) starts them together", err)
 
 
 # --- inverse and forward ------------------------------------------------------------------------
@@ -343,6 +344,28 @@ def test_inverse_prints_steering(run, tmp_path):
     _, front, rear = out.splitlines()
     assert numbers(front)[-2:] == pytest.approx([np.arctan(0.2), np.degrees(np.arctan(0.2))], abs=6e-3)
     assert numbers(rear)[-2:] == pytest.approx([-np.arctan(0.2), -np.degrees(np.arctan(0.2))], abs=6e-3)
+
+
+@pytest.mark.parametrize(
+    ("limits", "wanted"),
+    [
+        ("max_speed: 0.8", "limits.max_speed is 0.8 m/s; this needs 1"),
+        ("max_lateral_speed: 0.1", "limits.max_lateral_speed is 0.1 m/s; this needs 0.5"),
+        ("max_yaw_rate: 1.5", "limits.max_yaw_rate is 1.5 rad/s; this needs 2"),
+        ("max_speed: 1, max_lateral_speed: 0.5, max_yaw_rate: 2, max_wheel_speed: 1000", ""),
+    ],
+)
+def test_inverse_says_which_limits_a_twist_does_not_keep(run, tmp_path, limits, wanted):
+    robot = tmp_path / "robot.yaml"
+    robot.write_text(f"drive: {{type: omni, robot_radius: 0.2, wheel_radius: 0.05}}\nlimits: {{{limits}}}\n")
+    code, out, err = run("inverse", "--robot", robot, "-1", "0.5", "-2")
+    assert (code, len(out.splitlines())) == (0, 4)
+    assert err == (f"trundle: warning: {wanted}\n" if wanted else "")
+
+
+def test_nothing_is_minus_zero(run):
+    for words in (("forward", "--speeds", "-1e-9", "-1e-9"), ("inverse", "-1e-9", "0", "-1e-9")):
+        assert re.search(r"-0\.0+\b", run(words[0], "--drive", INLINE, *words[1:])[1]) is None
 
 
 def test_inverse_warns_of_wheels_that_cannot_turn_so_fast(run, robot):

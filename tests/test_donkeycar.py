@@ -6,8 +6,11 @@ D1 to D13 are the rows of CLASSICS.md, section 1. tests/donkeycar holds the part
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +24,18 @@ from trundle.geometry import Pose2D, Twist2D
 
 STEERING = math.radians(22.5)
 WHEEL_BASE = 0.5
+
+
+def test_the_example_says_where_donkeycar_is(tmp_path):
+    """In an environment without it, however this one is."""
+    example = Path(__file__).resolve().parents[1] / "examples" / "donkeycar" / "follow_path.py"
+    program = "import runpy, sys; sys.modules['donkeycar'] = None; runpy.run_path(sys.argv[1])"
+    ended = subprocess.run(
+        [sys.executable, "-c", program, example], capture_output=True, text=True, check=False
+    )
+    assert (ended.returncode, ended.stdout) == (1, "")
+    assert "make .envs/donkeycar/ready && .envs/donkeycar/bin/python" in ended.stderr
+    assert "Traceback" not in ended.stderr
 
 
 def drive(part, readings, period=0.05, start=100.0):

@@ -217,7 +217,7 @@ def test_time_offset_is_added_to_the_estimate():
     reference = on_circle(SECOND // 10, 100)
     late = Trajectory(time_ns=reference.time_ns - 3600 * SECOND, poses=reference.poses)
     assert compare(late, reference, time_offset=3600.0).position.max < 1e-12
-    with pytest.raises(InputError, match=r"time_offset=3600\.000 starts them together"):
+    with pytest.raises(InputError, match=r"time_offset=3600\.000 .* starts them together"):
         compare(late, reference)
     with pytest.raises(InputError, match="time_offset: nan"):
         compare(late, reference, time_offset=math.nan)

@@ -17,14 +17,21 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from donkeycar.parts.path import CTE, CsvThrottlePath, PID_Pilot
-from donkeycar.vehicle import Vehicle
 
 from trundle.adapters.myconfig import robot_from_myconfig
 from trundle.donkeycar import Bicycle, UnnormalizeSteeringAngle
 from trundle.geometry import Pose2D, Twist2D
 from trundle.robot import Noise, Robot
 from trundle.simulate import SimulatedRobot
+
+try:
+    from donkeycar.parts.path import CTE, CsvThrottlePath, PID_Pilot
+    from donkeycar.vehicle import Vehicle
+except ModuleNotFoundError as missing:
+    sys.exit(
+        f"{missing.name} is not installed here. donkeycar has an environment of its own:\n"
+        f"    make .envs/donkeycar/ready && .envs/donkeycar/bin/python {sys.argv[0]}"
+    )
 
 PERIOD = 0.05  # s, donkeycar's 20 turns of the loop per second
 THROTTLE = 0.4

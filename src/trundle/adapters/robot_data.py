@@ -92,7 +92,7 @@ def _read_drive(path: str, value: Any, limits: Limits) -> Kinematics:
         elif key == "max_steering" and limits.max_steering is not None:
             arguments[key] = limits.max_steering
         elif parameter.default is inspect.Parameter.empty:
-            raise ConfigError(f"{path}.{key}", f"missing; a {word} drive needs it")
+            raise ConfigError(f"{path}.{key}", f"missing; type {word} needs it")
     try:
         return drive(**arguments)
     except ConfigError as error:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from trundle.apps.wording import aligned, angle, digits, labelled, length, plural, seconds
+from trundle.apps.wording import aligned, angle, digits, fixed, labelled, length, plural, seconds
 
 if TYPE_CHECKING:
     from trundle.evaluate import Comparison, Statistics
@@ -72,7 +72,7 @@ def _facts(comparison: Comparison) -> list[tuple[str, str]]:
     anees = comparison.anees
     return [
         ("matched", f"{plural(comparison.matched, 'sample')}, {path}"),
-        ("moved by", f"x {x:.3f} m, y {y:.3f} m, {angle(theta)}"),
+        ("moved by", f"x {fixed(x, 3)} m, y {fixed(y, 3)} m, {angle(theta)}"),
         ("drift", ", ".join(drift)),
         ("ANEES", "" if anees is None else f"{digits(anees)} (1 is honest, more is overconfident)"),
     ]

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from trundle.apps.wording import aligned, labelled
+from trundle.apps.wording import aligned, fixed, labelled
 
 if TYPE_CHECKING:
-    from trundle.robot import Robot
+    from trundle.geometry import Twist2D
+    from trundle.robot import Limits, Robot, WheelCommand
 
 __all__ = ["forward", "inverse"]
 
@@ -23,6 +25,8 @@ def inverse(
     vx: float, vy: float, omega: float, /, *, robot: Path | None = None, drive: str | None = None
 ) -> None:
     """Wheel speeds and steering angles that move the robot like this.
+
+    What is beyond the robot's limits is printed all the same, with a warning.
 
     Args:
         vx: Forward speed [m/s].
@@ -36,24 +40,35 @@ def inverse(
 
     described = _described(robot, drive)
     wheels = described.drive
-    command = wheels.inverse(Twist2D(vx, vy, omega))
+    twist = Twist2D(vx, vy, omega)
+    command = wheels.inverse(twist)
     steering = dict(zip(wheels.steered_names, command.steering, strict=True))
     rows = [["wheel", "[rad/s]", "[rpm]", "[m/s]"] + ["steering [rad]", "[deg]"] * bool(steering)]
     for name, speed in zip(wheels.wheel_names, command.speeds, strict=True):
         row = [speed, speed * 60.0 / math.tau, speed * wheels.wheel(name).radius]
-        cells = [f"{value + 0.0:.3f}" for value in row]
+        cells = [fixed(value, 3) for value in row]
         if steering:
             angle = steering.get(name)
-            cells += ["", ""] if angle is None else [f"{angle:.4f}", f"{math.degrees(angle):.2f}"]
+            cells += ["", ""] if angle is None else [fixed(angle, 4), fixed(math.degrees(angle), 2)]
         rows.append([name, *cells])
     print(*aligned(rows, right=range(1, 6)), sep="\n")
 
-    most = described.limits.max_wheel_speed
-    if most is not None and (fastest := max(map(abs, command.speeds), default=0.0)) > most:
-        print(
-            f"trundle: warning: limits.max_wheel_speed is {most:g} rad/s; this needs {fastest:.4g}",
-            file=sys.stderr,
-        )
+    for warning in _beyond(described.limits, twist, command):
+        print(f"trundle: warning: {warning}", file=sys.stderr)
+
+
+def _beyond(limits: Limits, twist: Twist2D, command: WheelCommand) -> Iterator[str]:
+    """Which limits of the robot a command does not keep; nothing here keeps them for it."""
+    asked = {
+        "max_speed": (twist.vx, "m/s"),
+        "max_lateral_speed": (twist.vy, "m/s"),
+        "max_yaw_rate": (twist.omega, "rad/s"),
+        "max_wheel_speed": (max(command.speeds, key=abs, default=0.0), "rad/s"),
+    }
+    for name, (value, unit) in asked.items():
+        most = getattr(limits, name)
+        if most is not None and abs(value) > most * (1.0 + 1e-9):
+            yield f"limits.{name} is {most:g} {unit}; this needs {abs(value):.4g}"
 
 
 def forward(
@@ -77,13 +92,13 @@ def forward(
     wheels = _described(robot, drive).measuring
     twist = wheels.forward(speeds, steering, yaw_rate=yaw_rate)
     x, y = wheels.icr(twist)
-    centre = f"x {x:.3f} m, y {y:.3f} m" if math.isfinite(x + y) else "none: it goes straight"
+    centre = f"x {fixed(x, 3)} m, y {fixed(y, 3)} m" if math.isfinite(x + y) else "none: it goes straight"
     if twist.omega == 0.0 == math.hypot(twist.vx, twist.vy):
         centre = "none: it stands still"
     lines = [
-        ("vx", f"{twist.vx + 0.0:9.4f} m/s"),
-        ("vy", f"{twist.vy + 0.0:9.4f} m/s"),
-        ("omega", f"{twist.omega + 0.0:9.4f} rad/s  ({math.degrees(twist.omega) + 0.0:.2f} deg/s)"),
+        ("vx", f"{fixed(twist.vx, 4):>9} m/s"),
+        ("vy", f"{fixed(twist.vy, 4):>9} m/s"),
+        ("omega", f"{fixed(twist.omega, 4):>9} rad/s  ({fixed(math.degrees(twist.omega), 2)} deg/s)"),
         ("turning centre", centre),
     ]
     print(*labelled(lines), sep="\n")

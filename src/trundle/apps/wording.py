@@ -5,7 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-__all__ = ["aligned", "angle", "counted", "digits", "labelled", "length", "plural", "seconds", "size"]
+__all__ = [
+    "aligned",
+    "angle",
+    "counted",
+    "digits",
+    "fixed",
+    "labelled",
+    "length",
+    "plural",
+    "seconds",
+    "size",
+]
 
 
 def digits(value: float, significant: int = 3) -> str:
@@ -17,6 +28,11 @@ def digits(value: float, significant: int = 3) -> str:
         return "0"
     decimals = significant - 1 - math.floor(math.log10(abs(rounded)))
     return f"{rounded:.{min(max(decimals, 0), 4)}f}"
+
+
+def fixed(value: float, decimals: int) -> str:
+    """A number with so many decimals, and no minus before a zero."""
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
 def length(metres: float) -> str:

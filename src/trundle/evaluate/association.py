@@ -142,7 +142,8 @@ def span(trajectory: Trajectory) -> str:
     if not len(trajectory):
         return "empty"
     time_ns = trajectory.time_ns
-    return f"{len(time_ns)} samples from {_seconds(time_ns[0])} to {_seconds(time_ns[-1])} s"
+    samples = "1 sample" if len(time_ns) == 1 else f"{len(time_ns)} samples"
+    return f"{samples} from {_seconds(time_ns[0])} to {_seconds(time_ns[-1])} s"
 
 
 def describe_spans(estimate: Trajectory, reference: Trajectory) -> str:
@@ -152,7 +153,8 @@ def describe_spans(estimate: Trajectory, reference: Trajectory) -> str:
         return text
     first, second = estimate.time_ns, reference.time_ns
     if first[-1] < second[0] or second[-1] < first[0]:
-        text += f"; two clocks? time_offset={_seconds(second[0] - first[0])} starts them together"
+        offset = _seconds(second[0] - first[0])
+        text += f"; two clocks? time_offset={offset} (--time-offset {offset}) starts them together"
     return text
 
 

@@ -56,6 +56,17 @@ class Trajectory:
         put(self, "rejected", MappingProxyType(dict(self.rejected)))
         put(self, "events", MappingProxyType(dict(self.events)))
 
+    def __repr__(self) -> str:
+        parts = {
+            "twists": self.twists,
+            "covariances": self.covariances,
+            f"{sum(self.rejected.values())} rejected": self.rejected or None,
+        }
+        said = "".join(f", {name}" for name, there in parts.items() if there is not None)
+        poses = "1 pose" if len(self) == 1 else f"{len(self)} poses"
+        frames = f"{self.child_frame} in {self.frame}"
+        return f"<Trajectory of {poses}, {self.duration:.6g} s, {self.distance:.6g} m: {frames}{said}>"
+
     def __len__(self) -> int:
         return len(self.time_ns)
 

@@ -89,6 +89,21 @@ class WheelLog:
             put(self, "twists", column("twists", self.twists, (count, 3)))
         put(self, "rejected", MappingProxyType(dict(self.rejected)))
 
+    def __repr__(self) -> str:
+        wheels = f"{self.reading.value} of {', '.join(self.wheel_names)}" if self.wheels is not None else ""
+        parts = {
+            "steering": self.steering,
+            "yaw_rate": self.yaw_rate,
+            "twists": self.twists,
+            "reference": self.reference,
+            f"{sum(self.rejected.values())} rejected": self.rejected or None,
+            f"{len(self.warnings)} warned of": self.warnings or None,
+        }
+        said = "; ".join(
+            filter(None, (wheels, *(name for name, there in parts.items() if there is not None)))
+        )
+        return f"<WheelLog of {len(self)} rows, {self.duration:.6g} s: {said}>"
+
     def __len__(self) -> int:
         return len(self.time_ns)
 

@@ -180,6 +180,17 @@ class Robot(msgspec.Struct, frozen=True, kw_only=True):
             problem = f"{self.calibration.robot!r}, but this robot is {self.name!r}: no other robot's numbers"
             raise ConfigError("calibration.robot", f"{problem} fit it; calibrate it, or remove the section")
 
+    def __repr__(self) -> str:
+        measured = f", measured by {self.localizer!r}" if self.localizer is not None else ""
+        said = {
+            "encoders": self.encoders,
+            "limits": self.limits != Limits(),
+            "noise": self.noise != UNMEASURED,
+        }
+        said["log"] = self.log != LogMapping()
+        more = ", ".join(section for section, there in said.items() if there)
+        return f"<Robot {self.name!r}: {self.drive!r}{measured}{more and '; ' + more}>"
+
     @property
     def measuring(self) -> Kinematics:
         """The wheels whose readings say how the robot moved: the localizer, or the drive."""

@@ -27,6 +27,7 @@ _FEASIBLE = 1e-9  # relative: what rounding leaves of a constraint that holds
 _STANDSTILL = 16.0 * 2.0**-52  # relative: below this a contact velocity is rounding, not motion
 _QUARTER = math.pi / 2.0
 _STEEPEST = math.radians(89.0)
+_LONGEST_REPR = 120
 _SLACK = 1e-9  # a wheel commanded to its stop is not beyond it [rad]
 
 
@@ -243,8 +244,10 @@ class Kinematics:
         )
 
     def __repr__(self) -> str:
-        names = ", ".join(self.wheel_names)
-        return f"<{type(self).__name__}: {names}>"
+        name = type(self).__name__
+        given = {key: value for key, value in getattr(self, "parameters", {}).items() if value is not None}
+        text = f"{name}({', '.join(f'{key}={value!r}' for key, value in given.items())})"
+        return text if given and len(text) <= _LONGEST_REPR else f"<{name}: {', '.join(self.wheel_names)}>"
 
     # --- twist to wheels --------------------------------------------------------------------
 
