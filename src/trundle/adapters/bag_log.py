@@ -29,7 +29,7 @@ from trundle.adapters.conversion import (
 from trundle.adapters.doubts import WheelColumn, doubts
 from trundle.adapters.quaternion import yaw_of_quaternion
 from trundle.adapters.reference import reference_trajectory
-from trundle.adapters.resampling import changes, held, interpolated, summed, unwrapped
+from trundle.adapters.resampling import changes, held, interpolated, summed, turned, unwrapped
 from trundle.adapters.topic_fields import pose_fields, scalar_field, twist_fields
 from trundle.adapters.topic_source import Recording, TopicSource
 from trundle.errors import ConfigError, LogSchema
@@ -141,7 +141,8 @@ class _BagLog:
             columns[label], there = self._at(time_ns, own, label, hold=signals[label].hold)
             known &= there
         if not known.any():
-            raise LogSchema(self.path, "unmatched", "what is wanted has no time in common")
+            problem = "; ".join(("what is wanted has no time in common", *self.source.differences))
+            raise LogSchema(self.path, "unmatched", problem)
         self.rejected["unmatched"] = int((~known).sum())
         for name, scalar in self.mapping.steering.items():
             check_steering(self.path, self.robot, name, scalar, columns[f"log.steering.{name}"])
@@ -160,7 +161,7 @@ class _BagLog:
             twists=None if twist is None else self._twists_at(time_ns[known], twist),
             reference=self._reference(),
             rejected=+self.rejected,
-            warnings=(*self.source.warnings, *doubtful),
+            warnings=(*self.source.warnings, *self.source.differences, *doubtful),
             source=str(self.path),
         )
 
@@ -270,6 +271,8 @@ class _BagLog:
             return series.values, np.ones(len(time_ns), dtype=bool)
         if hold:
             return held(time_ns, series.time_ns, series.values)
+        if label.startswith("log.steering."):
+            return turned(time_ns, series.time_ns, series.values)
         increments = label.startswith("log.wheels.") and self.reading is Reading.INCREMENT
         put = summed if increments else interpolated
         return put(time_ns, series.time_ns, series.values)

@@ -147,9 +147,13 @@ def scalar_conversion(field: str, mapping: ScalarMapping, unit: Unit) -> Convers
         unit: SI unit of the quantity.
 
     Raises:
-        ConfigError: If the mapping's unit is of another quantity.
+        ConfigError: If the mapping's unit is of another quantity; an angle may be in ticks that have a gain.
     """
     given = mapping.unit or unit
+    if given is Unit.TICKS and unit is Unit.RAD:
+        if mapping.gain == 1.0:
+            raise ConfigError(f"{field}.gain", "missing; it must say the radians per tick")
+        return Conversion(Real(), mapping.sign * mapping.gain)
     if given.dimension != unit.dimension:
         allowed = ", ".join(other.value for other in Unit if other.dimension == unit.dimension)
         raise ConfigError(f"{field}.unit", f"{given.value!r}, must be one of {allowed}")
@@ -159,14 +163,14 @@ def scalar_conversion(field: str, mapping: ScalarMapping, unit: Unit) -> Convers
 def check_steering(source: object, robot: Robot, name: str, mapping: ScalarMapping, angles: Any) -> None:
     """Refuse steering angles that must be degrees.
 
-    A wheel without limits may turn round more than once, where robot.yaml says that its log is in rad.
+    A wheel without limits may turn round more than once, where robot.yaml says what its log is in.
 
     Raises:
         LogSchema: With reason `unit`.
     """
     wheels = robot.measuring
     free = name in wheels.steered_names and wheels.wheel(name).steering_range is None
-    if mapping.unit is Unit.RAD and free:
+    if mapping.wraps or (mapping.unit is not None and free):
         return
     finite = np.abs(angles[np.isfinite(angles)])
     greatest = float(finite.max(initial=0.0))

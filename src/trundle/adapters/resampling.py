@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from trundle.errors import LogLimit
 
-__all__ = ["LONGEST_BRIDGE_NS", "changes", "held", "interpolated", "summed", "unwrapped"]
+__all__ = ["LONGEST_BRIDGE_NS", "changes", "held", "interpolated", "summed", "turned", "unwrapped"]
 
 Stamps = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
@@ -20,6 +20,8 @@ Floats = npt.NDArray[np.float64]
 
 # Between two samples further apart than this, what lies between is not known.
 LONGEST_BRIDGE_NS = 500_000_000
+
+LONGEST_CYCLE_NS = 100_000_000  # of a robot's loop: what changes less often is constant most of the time
 
 MOST_HELD_ROWS = 1_000_000  # put where nothing changed: days of silence, one every half second
 
@@ -50,7 +52,7 @@ def changes(source: object, series: Sequence[Stamps]) -> Stamps:
     stamps = np.unique(np.concatenate([np.empty(0, np.int64), *series]))
     steps = np.concatenate([np.empty(0, np.int64), *map(np.diff, series)])
     # Most values change in most cycles; what is shorter yet is jitter.
-    cycle = int(np.quantile(steps, 0.1)) if len(steps) else 0
+    cycle = min(int(np.quantile(steps, 0.1)), LONGEST_CYCLE_NS) if len(steps) else 0
     ticks = stamps.tolist()
     rows, at = [], 0
     while at < len(ticks):
@@ -92,6 +94,15 @@ def summed(wanted: Stamps, time_ns: Stamps, increments: Floats) -> tuple[Floats,
     order = np.argsort(time_ns, kind="stable")
     totals, known = interpolated(wanted, time_ns[order], np.cumsum(increments[order]))
     return np.diff(totals, prepend=totals[:1]), known
+
+
+def turned(wanted: Stamps, time_ns: Stamps, angles: Floats) -> tuple[Floats, Mask]:
+    """Angles [rad] between their neighbours, the shorter way round; else as `interpolated`."""
+    angles = angles.astype(np.float64)
+    order = np.argsort(time_ns, kind="stable")
+    known = order[np.isfinite(angles[order])]
+    angles[known] = np.unwrap(angles[known])
+    return interpolated(wanted, time_ns, angles)
 
 
 def unwrapped(counts: npt.NDArray[np.int64], bits: int | None) -> Floats:

@@ -6,9 +6,10 @@ import dataclasses
 
 import numpy as np
 
+from trundle.geometry import se2
 from trundle.records import Trajectory, WheelLog
 from trundle.robot import LogMapping
-from trundle.robot.log_mapping import ReferenceMapping, ScalarMapping
+from trundle.robot.log_mapping import ReferenceMapping, ScalarMapping, Unit
 
 __all__ = ["corrected"]
 
@@ -18,14 +19,17 @@ def corrected(log: WheelLog, mapping: LogMapping) -> WheelLog:
 
     Args:
         log: As its sensors said it, in SI units.
-        mapping: Gain and offset of angles and yaw rate, delay of the reference.
+        mapping: Gain and offset of angles and yaw rate, angles that wrap, delay of the reference.
     """
     steering, yaw_rate, reference = log.steering, log.yaw_rate, log.reference
     known = [mapping.steering.get(name) for name in log.steering_names]
     if steering is not None and any(one is not None and _is_off(one) for one in known):
-        gains = np.array([1.0 if one is None else one.gain for one in known])
+        gains = np.array([1.0 if one is None or one.unit is Unit.TICKS else one.gain for one in known])
         offsets = np.array([0.0 if one is None else one.offset for one in known])
         steering = gains * steering + offsets
+    wrapping = [one is not None and one.wraps for one in known]
+    if steering is not None and any(wrapping):
+        steering = np.where(wrapping, se2.wrap(steering), steering)
     if yaw_rate is not None and mapping.gyro is not None and _is_off(mapping.gyro):
         yaw_rate = mapping.gyro.gain * yaw_rate + mapping.gyro.offset
     if reference is not None and mapping.reference is not None and mapping.reference.delay:

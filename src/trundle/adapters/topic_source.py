@@ -20,7 +20,7 @@ Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]
 Stamps = npt.NDArray[np.int64]
 
-SKEW = 0.1  # standard deviation between header stamps and receive times [s] above which they disagree
+SKEW = 0.1  # [s]: clocks that differ by more, on average or as standard deviation, disagree
 
 
 class Recording(Protocol):
@@ -53,12 +53,27 @@ class TopicSource:
         self.bag = bag
         self.warnings: list[str] = []
         self._clock = clock
+        self._late: dict[str, float] = {}  # by topic, how much later than stamped it was received [s]
 
     def described(self, like: str = "") -> str:
         """Its topics and their types, for errors; of many those most like a word."""
         return listed(
             [f"{topic} ({info.type})" for topic, info in sorted(self.bag.topics.items())], like=like
         )
+
+    @property
+    def differences(self) -> list[str]:
+        """A sentence if what was read so far is stamped by clocks that differ."""
+        if not self._late:
+            return []
+        first, last = min(self._late, key=self._late.__getitem__), max(self._late, key=self._late.__getitem__)
+        apart = self._late[last] - self._late[first]
+        if apart <= SKEW:
+            return []
+        return [
+            f"{first} and {last}: their clocks are {apart:.3g} s apart, by the times of receipt; "
+            "the stamps are used; log.clock: receive would use the others"
+        ]
 
     def type_of(self, topic: str) -> str:
         """Type of a topic's messages.
@@ -90,7 +105,10 @@ class TopicSource:
             return receive
         if header is None or not header.any():
             self.warnings.append(f"{topic}: its messages bear no stamp; the times of receipt are used")
+            self._late[topic] = 0.0
             return receive
+        self._late[topic] = float(np.mean((receive - receive[0]) - (header - header[0]))) * 1e-9
+        self._late[topic] += (int(receive[0]) - int(header[0])) * 1e-9
         skew = float(np.std((receive - receive[0]) - (header - header[0]))) * 1e-9
         if skew > SKEW:
             self.warnings.append(

@@ -271,7 +271,7 @@ class _BagReport:
         mean, std = float(late.mean()), float(late.std())
         if abs(mean) > _OTHER_CLOCK:
             self.clocks.append(f"  {name}: stamped by a clock of its own, std {seconds(std)}")
-        elif abs(mean) > 1.0 or std > _SKEW:
+        elif abs(mean) > _SKEW or std > _SKEW:
             way = "after" if mean > 0.0 else "before"
             self.clocks.append(f"  {name}: received {seconds(abs(mean))} {way} stamped, std {seconds(std)}")
 

@@ -62,7 +62,9 @@ class Unit(enum.Enum):
     TICKS_S = "ticks/s"
     M_S = "m/s"
     MM_S = "mm/s"
+    CM_S = "cm/s"
     FT_S = "ft/s"
+    KM_H = "km/h"
     S = "s"
     MS = "ms"
     US = "us"
@@ -97,7 +99,9 @@ _UNITS: dict[str, tuple[str, float]] = {
     "ticks/s": ("ticks/s", 1.0),
     "m/s": ("length/s", 1.0),
     "mm/s": ("length/s", 1e-3),
+    "cm/s": ("length/s", 1e-2),
     "ft/s": ("length/s", 0.3048),
+    "km/h": ("length/s", 1.0 / 3.6),
     "s": ("time", 1.0),
     "ms": ("time", 1e-3),
     "us": ("time", 1e-6),
@@ -140,7 +144,10 @@ class ScalarMapping(_Section, frozen=True):
         unit: What the number is written in; None means the SI unit of its quantity.
         sign: -1 where the log counts the other way.
         hold: The value is logged only when it changes: the last one still holds.
-        gain: What the quantity really changes by where the number changes by 1 in its SI unit.
+        wraps: A steering angle that starts anew after a turn, wherever that is: it is then taken to lie
+            within half a turn of straight ahead.
+        gain: What the quantity really changes by where the number changes by 1 in its SI unit; of a steering
+            angle in ticks, its radians per tick.
         offset: What it really is where the number says 0, in its SI unit: really = gain * said + offset.
     """
 
@@ -151,6 +158,7 @@ class ScalarMapping(_Section, frozen=True):
     unit: Unit | None = None
     sign: Literal[1, -1] = 1
     hold: bool = False
+    wraps: bool = False
     gain: float = 1.0
     offset: float = 0.0
 
@@ -178,6 +186,10 @@ class WheelMapping(ScalarMapping, frozen=True):
         if (self.gain, self.offset) != (1.0, 0.0):
             field = "gain" if self.gain != 1.0 else "offset"
             raise ConfigError(field, f"{getattr(self, field):g}: a wheel has none, its radius says it")
+        if self.wraps:
+            raise ConfigError(
+                "wraps", "is of steering angles; the bits of a wheel's encoder say where it wraps"
+            )
         if self.kind is not None and self.unit is not None and speed != (self.kind is Kind.VELOCITY):
             raise ConfigError("kind", f"{self.kind.value} does not go with unit {self.unit.value}")
 
@@ -269,3 +281,7 @@ class LogMapping(_Section, frozen=True):
     gyro: ScalarMapping | None = None
     twist: TwistMapping | None = None
     reference: ReferenceMapping | None = None
+
+    def __post_init__(self) -> None:
+        if self.gyro is not None and self.gyro.wraps:
+            raise ConfigError("gyro.wraps", "a yaw rate does not wrap")
