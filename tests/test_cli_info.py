@@ -212,7 +212,14 @@ def test_data_logs_and_tubs(capsys, shared_data):
     assert main(["info", str(next((shared_data / "frc_swerve").glob("*.wpilog")))]) == 0
     out = capsys.readouterr().out
     assert "NT:/SmartDashboard/Module 1/Steer Degrees" in out
-    assert parse_yaml(described(out).encode(), "").data["log"] == {}
+    section = parse_yaml(described(out).encode(), "").data["log"]
+    assert section["wheels"]["wheel_2"] == {
+        "topic": "NT:/SmartDashboard/Module 2/Drive Velocity Feet",
+        "unit": "ft/s",
+        "hold": True,
+    }
+    assert section["steering"]["wheel_4"]["topic"] == "NT:/SmartDashboard/Module 4/Steer Degrees"
+    assert section["steering"]["wheel_4"]["unit"] == "deg"
     assert main(["info", str(shared_data / "donkeycar_tub")]) == 0
     section = parse_yaml(described(capsys.readouterr().out).encode(), "").data["log"]
     assert section == {"time": {"column": "_timestamp_ms", "unit": "ms"}}

@@ -6,6 +6,7 @@ One motion, written the plain way and in the way of each habit.
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,10 +15,14 @@ from rosbags.typesys import Stores, get_typestore
 
 import trundle as tr
 from trundle.adapters.log import read_log
+from trundle.adapters.robot_data import robot_from_data
 from trundle.adapters.robot_yaml import load_robot
+from trundle.adapters.yaml_document import parse_yaml
 from trundle.apps.cli import main
+from trundle.apps.log_proposal import Topic, propose_for_topics
 from trundle.errors import ConfigError, LogSchema
 
+RECORDINGS = Path(__file__).parent / "recordings"
 RADIUS, TICKS = 0.05, 1000
 COUNT = 200
 STEP_NS = 20_000_000
@@ -344,3 +349,108 @@ def test_a_topic_without_stamps_beside_a_clock_that_is_off(folder):
     section = "log: {wheels: {rear: {topic: /joints}}, steering: {front: {topic: /steer, hold: true}}}\n"
     with pytest.raises(LogSchema, match=r"no time in common; /steer and /joints: .* 1\.8e\+04 s apart"):
         read_log(log, robot(folder, section, "bicycle"))
+
+
+# ----------------------------------------------------------------------- what info recognises
+
+
+def said_by_info(capsys, *words):
+    assert main(["info", *map(str, words)]) == 0
+    out = capsys.readouterr().out
+    return parse_yaml(out[out.index("\nlog:") + 1 :].encode(), "").data["log"]
+
+
+def without_log(folder, name):
+    path = folder / "silent.yaml"
+    path.write_text((RECORDINGS / f"{name}.yaml").read_text().partition("\nlog:")[0] + "\n")
+    return path
+
+
+def test_info_proposes_the_very_section_of_a_swerve_robot(folder, capsys, shared_data):
+    """Feet per second, degrees, and values that hold."""
+    log = next((shared_data / "frc_swerve").glob("*.wpilog"))
+    described = without_log(folder, "frc_swerve")
+    section = said_by_info(capsys, log, "--robot", described)
+    drive = parse_yaml(described.read_bytes(), "").data["drive"]
+    wanted = load_robot(RECORDINGS / "frc_swerve.yaml")
+    assert robot_from_data({"drive": drive, "log": section}).log == wanted.log
+
+
+def test_info_proposes_the_clock_of_receipt(folder, capsys, shared_data):
+    section = said_by_info(capsys, shared_data / "f1tenth" / "skidpad_2_5.bag")
+    assert section["clock"] == "receive"
+
+
+def test_info_recognises_ticks_and_names_in_joint_states(folder, capsys):
+    log = bag(folder, *joints(COUNTS[:, ::-1], names=("wheel_r", "wheel_l")))
+    assert said_by_info(capsys, log)["wheels"] == {
+        "right": {"topic": "/joints", "name": "wheel_r", "unit": "ticks"},
+        "left": {"topic": "/joints", "name": "wheel_l", "unit": "ticks"},
+    }
+
+
+def test_info_recognises_columns(folder, capsys):
+    """Counters that are reset at each read, and degrees."""
+    left, right = np.diff(COUNTS, axis=0, prepend=COUNTS[:1]).T
+    log = table(folder, **SECONDS, **lists(left_ticks=left, right_ticks=right))
+    assert said_by_info(capsys, log)["wheels"]["left"] == {
+        "column": "left_ticks",
+        "unit": "ticks",
+        "kind": "increment",
+    }
+    path = folder / "tricycle.yaml"
+    path.write_text(HEAD["bicycle"])
+    log = table(folder, **SECONDS, **lists(rear_rad=ANGLES[:, 0], steering_deg=np.degrees(STEERING)))
+    found = said_by_info(capsys, log, "--robot", path)
+    assert found["steering"] == {"front": {"column": "steering_deg", "unit": "deg"}}
+
+
+@pytest.mark.parametrize(
+    ("kind", "field", "unit"),
+    [
+        ("SwerveModulePosition", "distance", "m"),
+        ("SwerveModuleState", "speed", "m/s"),
+        ("SwerveModuleVelocity", "speed", "m/s"),
+    ],
+)
+def test_modules_of_wpilib_are_proposed(kind, field, unit):
+    entries = [Topic("m/Target", f"struct:{kind}[]", 99), Topic("m/Now", f"struct:{kind}[]", 99)]
+    section = propose_for_topics(entries, ("fl", "fr", "bl", "br"), ("fl", "fr", "bl", "br")).section
+    assert section["wheels"]["bl"] == {
+        "topic": "m/Now",
+        "field": field,
+        "name": 2,
+        "unit": unit,
+        "hold": True,
+    }
+    assert section["steering"]["br"] == {"topic": "m/Now", "field": "angle.value", "name": 3, "hold": True}
+
+
+@pytest.mark.parametrize(
+    ("words", "unit"),
+    [
+        ("Left Velocity MPS", "m/s"),
+        ("left wheel speed rpm", "rpm"),
+        ("Left Position Meters", "m"),
+        ("left/DistanceInches", "in"),
+        ("LeftVelocityRadians", "rad/s"),
+        ("Left Rotations Position", "rev"),
+    ],
+)
+def test_units_of_entries_are_those_of_their_names(words, unit):
+    names = [words, words.replace("Left", "Right").replace("left", "right")]
+    entries = [Topic(name, "double", 99) for name in (*names, "Drive/Omega Velocity", "Left Target Velocity")]
+    wheels = propose_for_topics(entries).section["wheels"]
+    assert wheels == {
+        side: {"topic": name, "unit": unit, "hold": True}
+        for side, name in zip(("left", "right"), names, strict=True)
+    }
+
+
+def test_a_robot_that_logs_only_its_own_speeds_is_not_taken_for_wheels():
+    entries = [Topic("Drive/Velocity X", "double", 99), Topic("field/Robot", "double[]", 99)]
+    entries.append(Topic("Drive/Speeds", "struct:ChassisSpeeds", 99))
+    assert propose_for_topics(entries).section == {
+        "twist": {"topic": "Drive/Speeds"},
+        "reference": {"topic": "field/Robot", "angle_unit": "deg"},
+    }

@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from trundle.apps.entry_proposal import field_pose, proposed_entries
 from trundle.apps.wheel_word import matched, wheel_meant, words_of
 from trundle.robot.log_mapping import TableFormat, Unit
 
@@ -322,9 +323,9 @@ def _is_running_total(column: Column) -> bool:
     """Whether steps are small beside what they add up to, and it does not end where it began."""
     values = column.values
     assert values is not None
-    wandered = float(np.mean(np.abs(values - values[0])))
+    wandered = float(np.mean(np.abs(values - np.median(values))))
     gone = abs(float(values[-1] - values[0])) > 0.05 * float(np.ptp(values))
-    return gone and float(np.mean(np.abs(np.diff(values)))) < 0.1 * wandered
+    return gone and float(np.mean(np.abs(np.diff(values)))) < 0.15 * wandered
 
 
 # --- recordings ---------------------------------------------------------------------------------
@@ -360,7 +361,11 @@ def propose_for_topics(
     """
     proposal = Proposal()
     filled = [topic for topic in topics if topic.count > 2 and not _NOT_MEASURED & set(words_of(topic.name))]
-    used = _propose_joints(proposal, filled, wheels, steered) or _propose_twist(proposal, filled)
+    used = (
+        _propose_joints(proposal, filled, wheels, steered)
+        or _propose_entries(proposal, filled, wheels, steered)
+        or _propose_twist(proposal, filled)
+    )
     inertial = _of_types(filled, ("sensor_msgs/msg/Imu",))
     if gyro and inertial:
         proposal.put(("gyro",), {"topic": inertial[0].name}, "gyro")
@@ -397,6 +402,21 @@ def _propose_joints(
             proposal.put(("steering", wheel), {"topic": topic.name, "name": joint}, "steering")
         return [topic]
     return []
+
+
+def _propose_entries(
+    proposal: Proposal, topics: Sequence[Topic], wheels: Sequence[str], steered: Sequence[str]
+) -> list[Topic]:
+    """Entries of a data log."""
+    entries = [(topic.name, topic.type) for topic in topics]
+    for what, found in zip(("wheels", "steering"), proposed_entries(entries, wheels, steered), strict=True):
+        for wheel, mapping in found.items():
+            proposal.put((what, wheel), mapping, what)
+    used = [topic for topic in topics if topic.name in proposal.roles]
+    field = field_pose(entries)
+    if field is not None:
+        proposal.put(("reference",), dict(field), "reference")
+    return used
 
 
 def _propose_twist(proposal: Proposal, topics: Sequence[Topic]) -> list[Topic]:
