@@ -131,7 +131,9 @@ ONE_TURN = {
     "ticks/s": (float(TICKS), 1.0),
     "m/s": (math.tau * RADIUS, 1.0),
     "mm/s": (math.tau * RADIUS * 1e3, 1.0),
+    "cm/s": (math.tau * RADIUS * 1e2, 1.0),
     "ft/s": (math.tau * RADIUS / 0.3048, 1.0),
+    "km/h": (math.tau * RADIUS * 3.6, 1.0),
 }
 
 

@@ -237,6 +237,49 @@ def test_encoders_by_wheel_name_override_the_defaults():
     assert set(read(LEAST + "encoders: {left: {ticks_per_revolution: 100}}").encoders) == {"left"}
 
 
+@pytest.mark.parametrize(
+    ("section", "said", "value"),
+    [
+        ("limits", "max_speed: 9 km/h", 2.5),
+        ("limits", "max_lateral_speed: 40 cm/s", 0.4),
+        ("limits", "max_yaw_rate: 90 deg/s", math.pi / 2),
+        ("limits", "max_acceleration: 150 cm/s^2", 1.5),
+        ("limits", "max_deceleration: 1 ft/s^2", 0.3048),
+        ("limits", "max_yaw_acceleration: 180 deg/s^2", math.pi),
+        ("limits", "max_jerk: 2500 mm/s^3", 2.5),
+        ("limits", "max_wheel_speed: 300 rpm", 10 * math.pi),
+        ("limits", "max_steering: 30 deg", math.pi / 6),
+        ("limits", "command_timeout: 250 ms", 0.25),
+        ("noise", "wheel_distance: 1 cm", 0.01),
+        ("noise", "lateral_slip: 5 mm", 0.005),
+        ("noise", "gyro: 0.18 deg/s", math.pi / 1000),
+    ],
+)
+def test_limits_and_noise_have_units(section, said, value):
+    robot = read(LEAST + f"{section}: {{{said}}}")
+    assert getattr(getattr(robot, section), said.split(":")[0]) == pytest.approx(value, rel=1e-15)
+    again = robot_from_data(robot_to_data(robot))
+    assert (again.limits, again.noise) == (robot.limits, robot.noise)
+
+
+@pytest.mark.parametrize(
+    ("said", "problem"),
+    [
+        ("max_yaw_rate: 180", "180 rad/s is implausible (0 to 100 rad/s): deg/s? Then write 180 deg/s"),
+        ("max_speed: 800", "800 m/s is implausible (0 to 100 m/s): mm/s? Then write 800 mm/s"),
+        ("command_timeout: 500", "500 s is implausible (0.001 to 60 s): ms? Then write 500 ms"),
+        ("max_speed: 3 kmh", "3 kmh: not a unit of length/s; did you mean 'km/h'?"),
+        ("max_acceleration: 3 m/s", "3 m/s: not a unit of length/s^2; did you mean 'm/s^2'?"),
+        ("command_timeout: soon", "'soon', must be seconds > 0, or the word never"),
+    ],
+)
+def test_limits_whose_unit_must_be_said(said, problem):
+    with pytest.raises(tr.ConfigError) as caught:
+        read(LEAST + f"limits: {{{said}}}")
+    assert caught.value.field == f"limits.{said.split(':')[0]}"
+    assert problem in caught.value.problem
+
+
 def test_greatest_steering_angle_reaches_the_drive():
     car = "drive: {type: bicycle, wheelbase: 1, wheel_radius: 0.3%s}\nlimits: {max_steering: 0.5}"
     assert read(car % "").drive.wheel("front").steering_range == (-0.5, 0.5)

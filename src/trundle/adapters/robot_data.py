@@ -10,10 +10,20 @@ from typing import Any
 import msgspec
 
 from trundle.adapters.quantity import (
+    ACCELERATION,
     ANGLE,
+    DELAY,
+    DURATION,
+    JERK,
     LENGTH,
     POSITION,
     RADIUS,
+    SPEED,
+    SPREAD,
+    WHEEL_SPEED,
+    YAW_ACCELERATION,
+    YAW_RATE,
+    YAW_RATE_SPREAD,
     Quantity,
     read_number,
     read_quantity,
@@ -61,9 +71,7 @@ def robot_from_data(data: Any) -> Robot:
         name=name,
         encoders=_read_encoders(sections.get("encoders", {}), both),
         limits=limits,
-        noise=read_struct("noise", sections["noise"], Noise, {"steering": ANGLE})
-        if "noise" in sections
-        else UNMEASURED,
+        noise=read_struct("noise", sections["noise"], Noise, _NOISE) if "noise" in sections else UNMEASURED,
         log=_read_log(sections.get("log", {}), both),
         localizer=localizer,
         calibration=_read_calibration(sections.get("calibration")),
@@ -257,14 +265,30 @@ def _missing_ticks(path: str) -> ConfigError:
 # ------------------------------------------------------------------------------ typed sections
 
 
+_LIMITS = {
+    "min_speed": SPEED,
+    "max_speed": SPEED,
+    "max_lateral_speed": SPEED,
+    "max_yaw_rate": YAW_RATE,
+    "max_acceleration": ACCELERATION,
+    "max_deceleration": ACCELERATION,
+    "max_yaw_acceleration": YAW_ACCELERATION,
+    "max_jerk": JERK,
+    "max_wheel_speed": WHEEL_SPEED,
+    "max_steering": ANGLE,
+}
+_TIMEOUT = {"command_timeout": DURATION}
+_NOISE = {"wheel_distance": SPREAD, "lateral_slip": SPREAD, "steering": ANGLE, "gyro": YAW_RATE_SPREAD}
+
+
 def _read_limits(value: Any) -> Limits:
     given = read_mapping("limits", value)
     timeout = given.get("command_timeout", 0.5)
-    if isinstance(timeout, str) and timeout != "never":
+    if isinstance(timeout, str) and timeout != "never" and timeout[:1] not in "0123456789.":
         raise ConfigError("limits.command_timeout", f"{timeout!r}, must be seconds > 0, or the word never")
     if timeout is None:
         raise ConfigError("limits.command_timeout", "empty, must be seconds > 0, or the word never")
-    return read_struct("limits", given, Limits, {"max_steering": ANGLE})
+    return read_struct("limits", given, Limits, {**_LIMITS, **({} if timeout == "never" else _TIMEOUT)})
 
 
 def _read_calibration(value: Any) -> CalibrationRecord | None:
@@ -308,7 +332,7 @@ def _read_reference(path: str, value: Any) -> ReferenceMapping:
     given = dict(read_mapping(path, value))
     if "mounting" in given:
         given["mounting"] = _MOUNTING(f"{path}.mounting", given["mounting"], read_quantity)
-    return read_struct(path, given, ReferenceMapping)
+    return read_struct(path, given, ReferenceMapping, {"delay": DELAY})
 
 
 # ------------------------------------------------------------------------------------ writing
@@ -316,9 +340,8 @@ def _read_reference(path: str, value: Any) -> ReferenceMapping:
 
 def robot_to_data(robot: Robot) -> Data:
     """Plain data from which `robot_from_data` makes the same robot; defaults are left out."""
-    noise, log = _changed(robot.noise), _changed(robot.log)
-    if "steering" in noise:
-        noise["steering"] = spell_quantity("", noise["steering"], ANGLE)
+    noise, log = _spelled(robot.noise, _NOISE), _changed(robot.log)
+    never = robot.limits.command_timeout == "never"
     if "mounting" in log.get("reference", {}):
         log["reference"]["mounting"] = list(_MOUNTING("", log["reference"]["mounting"], spell_quantity))
     sections = {
@@ -326,7 +349,7 @@ def robot_to_data(robot: Robot) -> Data:
         "drive": _drive_data(robot.drive, robot.limits),
         "localizer": None if robot.localizer is None else _drive_data(robot.localizer, robot.limits),
         "encoders": _encoder_data(robot),
-        "limits": _changed(robot.limits),
+        "limits": _spelled(robot.limits, {**_LIMITS, **({} if never else _TIMEOUT)}),
         "noise": None
         if robot.noise == UNMEASURED
         else noise or {"wheel_distance": robot.noise.wheel_distance},
@@ -385,6 +408,14 @@ def _encoder_data(robot: Robot) -> Data:
         if (rest := {key: value for key, value in entry.items() if key not in shared}) or name not in measured
     }
     return {**shared, **({"inverted": inverted} if inverted else {}), **own}
+
+
+def _spelled(struct: Any, quantities: Mapping[str, Quantity]) -> Data:
+    """Fields that differ from their defaults, with units where numbers need them."""
+    return {
+        key: spell_quantity(key, value, quantities[key]) if key in quantities else value
+        for key, value in _changed(struct).items()
+    }
 
 
 def _changed(struct: Any) -> Data:
