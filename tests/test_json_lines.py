@@ -153,11 +153,14 @@ def test_an_endless_object_is_refused(folder, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('[{"time": 1}]', "no column"),
-        ("{" * 10, "has 0 columns"),
-        (b"\xff\xfe" + '{"time": 1}'.encode("utf-16-le"), "no column"),
+        ('[\n  {"time": 1}]', "is a JSON array, must be JSON lines: .* jq -c"),
+        ("{" * 10, "line 1: '{{{{{{{{{{' is no JSON object; must hold objects of one line each"),
+        ('{\n  "time": 1\n}\n', "line 1: '{.*jq -c"),
+        ("{}\n", "line 1: an empty object"),
+        ('{"time": \x001, "left.position": 1, "right.position": 2}\n', "is no JSON object"),
+        ('{"time": 1}'.encode("utf-16"), "is JSON in UTF-16"),
     ],
-    ids=["array", "braces", "UTF-16"],
+    ids=["array", "braces", "several lines", "nothing inside", "NUL", "UTF-16"],
 )
 def test_what_is_nearly_json_lines_is_an_error_of_ours(folder, text, words):
     with pytest.raises(LogError, match=words):
@@ -252,3 +255,27 @@ def test_rows_may_say_how_long_they_took(folder):
     log = tr.read_log(written(folder, text), DRIVE, mapping=mapping)
     assert log.time_ns.tolist() == [20_000_000, 50_000_000, 60_000_000, 80_000_000]
     assert tr.integrate(DRIVE, log).distance == pytest.approx(0.04 * (0.03 + 0.02 + 0.08))
+
+
+# --------------------------------------------------------------------------------- faults
+
+
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        pytest.param('{"x": "abc"}', "no number", id="L9-word"),
+        pytest.param('{"x": " "}', "no number", id="L9-blank"),
+        pytest.param('{"x": 1_000}', "no JSON object", id="L9-underscore"),
+        pytest.param('{"x": \uff11}', "no JSON object", id="L9-full-width"),
+        pytest.param('{"y": 1}', "missing", id="L10-ragged"),
+        pytest.param('{"x": \x001}', "no JSON object", id="L10-nul"),
+        pytest.param('{"x: 1}', "no JSON object", id="L10-quote"),
+        pytest.param('{"x": 1,5}', "no JSON object", id="L11-decimal-comma"),
+    ],
+)
+def test_fault(folder, bad, words):
+    found = read(folder, f'{{"x": 1}}\n{bad}\n{{"x": 3}}\n', "x")
+    assert found.columns[0].tolist() == [1.0, 3.0]
+    assert dict(found.rejected) == {"parse": 1}
+    assert found.warnings[0].startswith("1 object was left out as unreadable: line 2: ")
+    assert words in found.warnings[0]

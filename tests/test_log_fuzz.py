@@ -95,6 +95,18 @@ def written(suffix: str) -> Callable[[Path], bytes]:
     return seed
 
 
+def motive(folder: Path) -> bytes:
+    head = ["Format Version,1.23,Rotation Type,Quaternion,Length Units,Meters", ""]
+    kinds = [("Type", "Rigid Body"), ("Name", "Robot"), ("ID", "1")]
+    head += [f",{word}" + f",{each}" * 7 for word, each in kinds]
+    head += [
+        ",,Rotation,Rotation,Rotation,Rotation,Position,Position,Position",
+        "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z",
+    ]
+    rows = [f"{k},{k / 120},0,{0.01 * k},0,1,{0.1 * k},0.2,{-0.1 * k}" for k in range(12)]
+    return "\r\n".join([*head, *rows, ""]).encode()
+
+
 def joint_states(writer, store, serialize, kind: str = "sensor_msgs/msg/JointState") -> None:
     kinds = store.types
     topic = writer.add_connection("/joint_states", kind, typestore=store)
@@ -184,6 +196,10 @@ PARSERS: dict[str, tuple[str, Callable[[Path], bytes], Callable[[Path], object]]
     "wpilog": (".wpilog", written(".wpilog"), parse_wpilog),
     "tum": (".tum", written(".tum"), read_trajectory),
     "csv-trajectory": (".csv", written(".csv"), read_trajectory),
+    "json-trajectory": (".jsonl", written(".jsonl"), read_trajectory),
+    "kitti": (".kitti", written(".kitti"), read_trajectory),
+    "euroc": (".euroc", written(".euroc"), read_trajectory),
+    "motive": (".csv", motive, read_trajectory),
     "tub": ("", tub, parse_tub),
 }
 

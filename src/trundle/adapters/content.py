@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import enum
 import os
+import re
 import stat
 from pathlib import Path
 
@@ -152,7 +153,26 @@ def _text(path: Path, head: bytes) -> Content:
         if head[1::2].count(0) * 2 > len(head[1::2]) or head[::2].count(0) * 2 > len(head[::2]):
             raise LogError(path, "encoding", "looks like UTF-16 without a byte order mark; save it as UTF-8")
         raise LogError(path, "format", f"its content is not a known kind of log; known: {KINDS_OF_LOG}")
-    return Content.JSON if head.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"{") else Content.TEXT
+    return _json(path, head, wide=wide) or Content.TEXT
+
+
+def _json(path: Path, head: bytes, *, wide: bool) -> Content | None:
+    """JSON lines; None for what does not begin like JSON.
+
+    Raises:
+        LogError: For other JSON: `encoding`, or `format` of an array.
+    """
+    plain = head.decode("utf-16", "replace").encode() if wide else head.removeprefix(codecs.BOM_UTF8)
+    plain = plain.lstrip()
+    if re.match(rb"\[\s*\{", plain):
+        raise LogError(
+            path, "format", "is a JSON array, must be JSON lines: one object per line, as jq -c '.[]' makes"
+        )
+    if not plain.startswith(b"{"):
+        return None
+    if wide:
+        raise LogError(path, "encoding", "is JSON in UTF-16; save it as UTF-8")
+    return Content.JSON
 
 
 def _is_utf8(head: bytes) -> bool:

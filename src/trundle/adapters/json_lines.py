@@ -59,15 +59,21 @@ class JsonTable:
 
     Names are those of the first fifty objects. An object that lacks a wanted value is left out, unless the
     value is held.
+
+    Raises:
+        LogSchema: If none of them holds a value.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        names: dict[str, None] = {}
-        for _, values in islice(self._objects(), SAMPLE):
-            if isinstance(values, dict):
-                names.update(dict.fromkeys(values))
-        self.names: tuple[ColumnName, ...] = tuple(names)
+        found = list(islice(self._objects(), SAMPLE))
+        objects = [values for _, values in found if isinstance(values, dict)]
+        self.names: tuple[ColumnName, ...] = tuple(dict.fromkeys(name for one in objects for name in one))
+        if not self.names:
+            line, fault = found[0] if found else (1, "nothing")
+            fault = fault if isinstance(fault, str) else "an empty object"
+            wanted = 'must hold objects of one line each: {"time": 0.02, "left.position": 1.5}'
+            raise LogSchema(path, "parse", f"line {line}: {fault}; {wanted} (jq -c . makes that of others)")
 
     def read(self, wanted: Sequence[Wanted]) -> Rows:
         """See `Table`."""
