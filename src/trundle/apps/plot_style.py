@@ -23,10 +23,15 @@ __all__ = [
 ]
 
 # Okabe and Ito 2008, "Color universal design": told apart with every kind of colour vision.
-BLUE, ORANGE, GREEN, VERMILLION, SKY, PURPLE = (
-    "#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7",
-)  # fmt: skip
-INK, GREY, LINE = "#222222", "#666666", "#DDDDDD"
+BLUE = "#0072B2"
+ORANGE = "#E69F00"
+GREEN = "#009E73"
+VERMILLION = "#D55E00"
+SKY = "#56B4E9"
+PURPLE = "#CC79A7"
+INK = "#222222"
+GREY = "#666666"
+LINE = "#DDDDDD"
 CYCLE = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, INK, GREY)
 
 
