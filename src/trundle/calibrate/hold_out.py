@@ -88,13 +88,14 @@ class HoldOut:
         """The verdict in one sentence."""
         if not self.trials:
             return "No run could be held out, so nothing says whether these numbers are better."
-        runs = f"{len(self.trials)} run{'' if len(self.trials) == 1 else 's'} that were held out"
+        count = len(self.trials)
+        runs = "1 run that was held out is" if count == 1 else f"{count} runs that were held out are"
         times = f"{self.improvement:.2f} times"
         worse = sum(trial.improvement < 1.0 for trial in self.trials)
-        but = f"; {worse} of them got worse" if worse else ""
+        but = f"; {worse} of them got worse" if worse and count > 1 else ""
         if self.better:
-            return f"Better: {runs} are explained {times} more accurately{but}."
-        return f"Not better: {runs} are explained only {times} as accurately as before{but}."
+            return f"Better: {runs} explained {times} more accurately{but}."
+        return f"Not better: {runs} explained only {times} as accurately as before{but}."
 
 
 def hold_out(
