@@ -25,6 +25,12 @@ REPORT ?= docs/verification.md
 
 ENVIRONMENTS = .venv/ready .envs/donkeycar/ready .envs/jax/ready
 
+# rclpy is on PyPI for one platform only; elsewhere its tests need a sourced ROS installation.
+ifeq ($(shell uname -sm),Linux x86_64)
+ROS2 = ros2
+ENVIRONMENTS += .envs/ros2/ready
+endif
+
 .venv/bin/python .envs/donkeycar/bin/python .envs/jax/bin/python .envs/ros2/bin/python:
 	@test -n "$(PYTHON)" || { echo "No Python 3.11 or later with venv was found; name one: make PYTHON=..."; exit 1; }
 	$(PYTHON) -m venv --clear $(@:/bin/python=)
@@ -60,11 +66,11 @@ demo: .venv/demo
 .PHONY: test
 test:
 	@$(MAKE) --jobs=3 environments
-	@$(MAKE) --keep-going check test-jax test-donkeycar test-main
+	@$(MAKE) --keep-going check test-jax test-donkeycar $(ROS2:%=test-%) test-main
 
-.PHONY: test-main test-donkeycar test-jax # one environment's share of the tests
+.PHONY: test-main test-donkeycar test-jax test-ros2 # one environment's share of the tests
 test-main: .venv/ready
-	.venv/bin/python $(PYTEST) --numprocesses=2 --ignore=tests/donkeycar --ignore=tests/arrays
+	.venv/bin/python $(PYTEST) --numprocesses=2 --ignore=tests/donkeycar --ignore=tests/arrays --ignore=tests/ros2
 
 # NumPy 1.26 gets every test that computes; the other array libraries live beside JAX.
 COMPUTING = tests/donkeycar tests/arrays $(wildcard $(addprefix tests/test_, \
@@ -76,6 +82,10 @@ test-donkeycar: .envs/donkeycar/ready
 
 test-jax: .envs/jax/ready
 	.envs/jax/bin/python $(PYTEST) tests/arrays
+
+# The real node, in processes and on DDS domains of its own.
+test-ros2: .envs/ros2/ready
+	.envs/ros2/bin/python $(PYTEST) tests/ros2
 
 .PHONY: check
 check: .venv/ready
@@ -96,12 +106,16 @@ bench: .venv/ready .envs/donkeycar/ready
 
 # Full figures print what they measure; the report keeps that, the verdicts, and the commit.
 .PHONY: verify
-verify: .venv/ready
+verify: .venv/ready $(ROS2:%=.envs/%/ready)
 	@{ echo '# Verification'; echo; \
 	   echo "Made by \`make verify\` at commit $$(git rev-parse --short HEAD)$$(git diff --quiet HEAD -- . ':!$(REPORT)' || echo ', with changes that are not in it')."; \
 	   echo; echo '```text'; } > $(REPORT)
-	.venv/bin/python $(PYTEST) --quiet --no-header -m verify -rA --durations=0 >> $(REPORT); \
-		status=$$?; echo '```' >> $(REPORT); tail -n 2 $(REPORT); exit $$status
+	.venv/bin/python $(PYTEST) --quiet --no-header -m verify -rA --durations=0 --ignore=tests/ros2 >> $(REPORT); \
+		status=$$?; \
+	for name in $(ROS2); do \
+		.envs/$$name/bin/python $(PYTEST) --quiet --no-header -m verify -rA --durations=0 tests/$$name >> $(REPORT) || status=1; \
+	done; \
+		echo '```' >> $(REPORT); tail -n 2 $(REPORT); exit $$status
 
 .PHONY: clean
 clean:

@@ -15,7 +15,7 @@ from trundle.errors import did_you_mean
 __all__ = ["Layout", "Selection", "Serialization", "Slot", "UnknownField"]
 
 ENCAPSULATION = 4  # bytes before a CDR message: representation identifier and options
-TRAILING = 3  # bytes of padding that a writer may leave behind a CDR message
+TRAILING = 15  # bytes that may stand behind a CDR message: rmw_serialize leaves 4 per empty array of doubles
 PADDING = 3  # bytes of padding between lengths and texts, which may hold anything
 
 
