@@ -24,7 +24,8 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import SupportsFloat, SupportsIndex
 
 __all__ = [
     "ConfigError",
@@ -46,6 +47,7 @@ __all__ = [
     "listed",
     "no_such",
     "require_finite",
+    "require_numbers",
     "require_positive",
 ]
 
@@ -167,6 +169,32 @@ def require_positive(field: str, value: float) -> float:
     if isinstance(value, float) and value <= 0.0:
         raise ConfigError(field, f"{value:g}, must be > 0")
     return value
+
+
+def require_numbers(call: str, *, one: Mapping[str, object] = {}, row: Mapping[str, object] = {}) -> None:
+    """An InputError that names the first of these which is not what it must be.
+
+    For `except` branches: what is called a thousand times a second asks only after something went wrong.
+
+    Args:
+        call: What was called.
+        one: Arguments that must be a number, or None.
+        row: Arguments that must be sequences of numbers.
+    """
+    for name, value in one.items():
+        if value is not None and not _is_number(value):
+            raise InputError(f"{call}: {name} {value!r}, must be a number")
+    for name, value in row.items():
+        if (
+            isinstance(value, str | bytes)
+            or not isinstance(value, Iterable)
+            or not all(map(_is_number, value))
+        ):
+            raise InputError(f"{call}: {name} {value!r}, must be a row of numbers")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, SupportsFloat | SupportsIndex) and not isinstance(value, Iterable)
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

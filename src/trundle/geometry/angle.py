@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from trundle.errors import require_numbers
+
 __all__ = ["excess", "sinc", "wrap"]
 
 
@@ -12,7 +14,11 @@ def wrap(angle: float) -> float:
 
     `math.remainder` is exact, so a heading of a million turns loses nothing here.
     """
-    wrapped = math.remainder(angle, math.tau)
+    try:
+        wrapped = math.remainder(angle, math.tau)
+    except TypeError:
+        require_numbers("wrap", one={"angle": angle})
+        raise
     return math.pi if wrapped == -math.pi else wrapped
 
 

@@ -9,6 +9,7 @@ import math
 
 import msgspec
 
+from trundle.errors import InputError
 from trundle.geometry.angle import sinc, wrap
 
 __all__ = ["Pose2D", "Twist2D"]
@@ -64,12 +65,15 @@ class Pose2D(msgspec.Struct, frozen=True, gc=False):
 
     def __matmul__(self, other: Pose2D) -> Pose2D:
         """The pose `other`, given in this pose's frame, in the frame that this pose is in."""
-        c, s = math.cos(self.theta), math.sin(self.theta)
-        return Pose2D(
-            self.x + c * other.x - s * other.y,
-            self.y + s * other.x + c * other.y,
-            self.theta + other.theta,
-        )
+        try:
+            c, s = math.cos(self.theta), math.sin(self.theta)
+            return Pose2D(
+                self.x + c * other.x - s * other.y,
+                self.y + s * other.x + c * other.y,
+                self.theta + other.theta,
+            )
+        except (AttributeError, TypeError):
+            raise InputError(f"{self!r} @ {other!r}: both must be poses of numbers") from None
 
     def inverse(self) -> Pose2D:
         """The pose that undoes this one: `pose @ pose.inverse()` is the identity."""

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from array_api_compat import array_namespace, is_numpy_array
+from array_api_compat import is_numpy_array
 from array_api_compat import numpy as standard  # the array API, on NumPy 1.26 too
 
 from trundle.errors import InputError, LogSchema, ShapeError, Unobservable, did_you_mean
@@ -29,6 +29,7 @@ from trundle.odometry.slip_scan import Scan, scan_for_slip
 from trundle.odometry.wheel_odometry import CLOCK_RESOLUTION_NS, Drift, Memory, WheelOdometry
 from trundle.records import Reading, Trajectory, WheelLog
 from trundle.robot import Kinematics, Robot, TrackingWheels
+from trundle.robot.traced import array_library
 
 __all__ = ["integrate", "integrate_batch"]
 
@@ -65,6 +66,8 @@ def integrate(
         InputError: If ticks come without encoders.
     """
     described = robot if isinstance(robot, Robot) else Robot(drive=robot)
+    if not isinstance(log, WheelLog):
+        raise InputError(f"integrate: {log!r}, must be a WheelLog; read_log makes one of a file")
     if log.wheels is None:
         described = described.with_localizer(_twist_sensor())
     way = Integrator.named(integrator)
@@ -384,7 +387,7 @@ class _Fold:
 
 
 def integrate_batch(
-    drive: Kinematics,
+    robot: Robot | Kinematics,
     positions: Array,
     time_ns: Array | None = None,
     steering: Array | None = None,
@@ -397,7 +400,7 @@ def integrate_batch(
     with. Much NumPy input goes through Numba where that is installed (extra `fast`): see `compiled`.
 
     Args:
-        drive: The drive of all of them.
+        robot: A Robot, or a drive: that of all of them.
         positions: Cumulative wheel angles [rad], shape (..., steps, measured).
         time_ns: Stamps [ns], shape (steps,); without them all steps take equally long.
         steering: Angles at the stamps [rad], shape (..., steps, steered).
@@ -409,12 +412,18 @@ def integrate_batch(
 
     Raises:
         ShapeError: If shapes do not fit.
-        InputError: If `out` is not an array of floats, or positions are no NumPy array.
+        InputError: If something is no array; or `out` is given and not of floats, or not beside NumPy's.
         Unobservable: If at some steering angles the motion cannot be observed.
     """
-    xp = array_namespace(positions)
+    drive = robot.measuring if isinstance(robot, Robot) else robot
+    given = {"positions": positions, "time_ns": time_ns, "steering": steering}
+    xp, *_ = [array_library(name, array) for name, array in given.items() if array is not None]
     way = Integrator.named(integrator)
     drive.check_batch(positions, steering)
+    if positions.ndim < 2:
+        raise ShapeError(f"positions: shape {tuple(positions.shape)}, must be (..., steps, measured)")
+    if time_ns is not None and time_ns.shape != positions.shape[-2:-1]:
+        raise ShapeError(f"time_ns: shape {tuple(time_ns.shape)}, must be ({positions.shape[-2]},)")
     if is_numpy_array(positions):
         return _on_numpy(drive, positions, time_ns, steering, way, out)
     if out is not None:
@@ -473,6 +482,8 @@ def _on_numpy(
     elif out.shape != shape:
         raise ShapeError(f"out: shape {out.shape}, must be {shape}")
     steps, robots = shape[-2], math.prod(shape[:-2])
+    if not out.size:
+        return out
     flat, poses = positions.reshape(robots, steps, -1), out.reshape(robots, steps, 3)
     angles = None if steering is None else steering.reshape(robots, steps, -1)
     if _may_be_compiled(flat, poses, way):

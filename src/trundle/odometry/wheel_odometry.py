@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from trundle.errors import InputError, ShapeError, Unobservable, require_positive
+from trundle.errors import InputError, ShapeError, Unobservable, require_numbers, require_positive
 from trundle.geometry import Pose2D, Twist2D
 from trundle.odometry.covariance import (
     ZERO,
@@ -308,7 +308,7 @@ class WheelOdometry:
         self._before: Sequence[float] | None = None
         self.state = OdometryState(self._time_ns, pose, self._twist, True, "reset", covariance)
 
-    def update(
+    def update(  # noqa: C901 - the live path, as _step
         self,
         time: float | None = None,
         positions: Numbers | None = None,
@@ -358,20 +358,28 @@ class WheelOdometry:
             raise InputError(
                 "update: yaw_rate given, but the drive declares no gyro; add 'gyro' to its measured="
             )
-        if time is not None:
-            try:
-                time_ns = round(time * 1e9)
-            except (ValueError, OverflowError):
-                return self._reject("nonfinite")
-        if len(reading) != self._count:
-            return self._reject("shape")
-        if self._steered or steering:
-            checked = self._check_steering(steering)
-            if isinstance(checked, str):
-                return self._reject(checked)
-            steering = checked
-        assert time_ns is not None
-        return self._step(time_ns, kind, reading, steering, yaw_rate, command)
+        try:
+            if time is not None:
+                try:
+                    time_ns = round(time * 1e9)
+                except (ValueError, OverflowError):
+                    return self._reject("nonfinite")
+            if len(reading) != self._count:
+                return self._reject("shape")
+            if self._steered or steering:
+                checked = self._check_steering(steering)
+                if isinstance(checked, str):
+                    return self._reject(checked)
+                steering = checked
+            if command is not None:
+                command = self._told(command)
+            assert time_ns is not None
+            return self._step(time_ns, kind, reading, steering, yaw_rate, command)
+        except TypeError:
+            numbers = {"time": time, "time_ns": time_ns, "yaw_rate": yaw_rate}
+            rows = {kind.value: reading, "steering": steering, "command": () if command is None else command}
+            require_numbers("update", one=numbers, row=rows)
+            raise
 
     # --- what `integrate` needs to go through arrays and come back ---------------------------------
 
@@ -420,7 +428,7 @@ class WheelOdometry:
         reading: Numbers,
         steering: Numbers,
         yaw_rate: float | None,
-        command: Numbers | WheelCommand | None,
+        command: Numbers | None,
     ) -> OdometryState:
         before = self._reading
         elapsed = time_ns - self._time_ns
@@ -556,16 +564,15 @@ class WheelOdometry:
         turn: float | None,
         seconds: float,
         step: Numbers,
-        command: Numbers | WheelCommand | None,
+        command: Numbers | None,
     ) -> str:
         """An encoder that froze: count on the others alone if they suffice (S14)."""
         frozen = self.frozen
         assert frozen is not None
-        told = None if command is None else self._told(command)
-        if told is None and not frozen.redundant:
+        if command is None and not frozen.redundant:
             return ""
         frozen.release(turned)
-        found = frozen.convict(turned, middle, turn, seconds, step, told)
+        found = frozen.convict(turned, middle, turn, seconds, step, command)
         self._suspects = frozen.suspects
         if not found:
             return ""

@@ -30,8 +30,8 @@ class Encoder(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
     def __post_init__(self) -> None:
         require_positive("ticks_per_revolution", self.ticks_per_revolution)
-        if self.bits is not None and not 2 <= self.bits <= 64:
-            raise ConfigError("bits", f"{self.bits}, must be from 2 to 64")
+        if self.bits is not None and not (isinstance(self.bits, int) and 2 <= self.bits <= 64):
+            raise ConfigError("bits", f"{self.bits!r}, must be a whole number from 2 to 64")
 
     @property
     def radians_per_tick(self) -> float:
@@ -179,6 +179,10 @@ class Robot(msgspec.Struct, frozen=True, kw_only=True):
         if self.calibration is not None and self.calibration.robot != self.name:
             problem = f"{self.calibration.robot!r}, but this robot is {self.name!r}: no other robot's numbers"
             raise ConfigError("calibration.robot", f"{problem} fit it; calibrate it, or remove the section")
+        for field in ("drive", "localizer"):
+            value = getattr(self, field)
+            if not isinstance(value, Kinematics) and (field == "drive" or value is not None):
+                raise ConfigError(field, f"{value!r}, must be a drive, such as Differential(...)")
 
     def __repr__(self) -> str:
         measured = f", measured by {self.localizer!r}" if self.localizer is not None else ""

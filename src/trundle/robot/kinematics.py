@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import atan2, hypot, pi, remainder, tau
 from typing import Any, NamedTuple, overload
 
 from msgspec.structs import replace
 
-from trundle.errors import ConfigError, Infeasible, InputError, ShapeError, did_you_mean, require_finite
+from trundle.errors import (
+    ConfigError,
+    Infeasible,
+    InputError,
+    ShapeError,
+    did_you_mean,
+    require_finite,
+    require_numbers,
+)
 from trundle.geometry import Twist2D
 from trundle.robot import observability
 from trundle.robot.least_squares import null_space
 from trundle.robot.rows import Row, contact, rolling, sideways
 from trundle.robot.solver import Driving, Gains, Leaning, Rolling, Solver
-from trundle.robot.traced import nominal, surely
+from trundle.robot.traced import array_library, nominal, surely
 from trundle.robot.wheel import Wheel, WheelKind
 from trundle.robot.wheel_command import WheelCommand
 
@@ -90,7 +98,12 @@ class Kinematics:
         reference: tuple[float, float] = (0.0, 0.0),
         skid_x: float | None = None,
     ) -> None:
+        if isinstance(reference, float | int) or len(reference) != 2:
+            raise ConfigError("reference", f"{reference!r}, must be (x, y)")
         rx, ry = (require_finite("reference", part) for part in reference)
+        wheels = tuple(wheels) if isinstance(wheels, Iterable) else wheels
+        if not isinstance(wheels, tuple) or not all(isinstance(wheel, Wheel) for wheel in wheels):
+            raise ConfigError("wheels", f"{wheels!r}, must be a list of Wheel(name, x, y, radius)")
         self.wheels = tuple(replace(wheel, x=wheel.x - rx, y=wheel.y - ry) for wheel in wheels)
         self.reference = (rx, ry)
         speaking = [wheel for wheel in self.wheels if wheel.kind is not WheelKind.CASTER]
@@ -152,6 +165,8 @@ class Kinematics:
     def _choose_measured(self, measured: str | Sequence[str] | None) -> tuple[tuple[str, ...], bool]:
         if measured is None:
             return self.wheel_names, False
+        if not isinstance(measured, Iterable):
+            raise ConfigError("measured", f"{measured!r}, must be a wheel's name, or a list of names")
         chosen = (measured,) if isinstance(measured, str) else tuple(measured)
         for name in chosen:
             if name != "gyro" and name not in self.wheel_names:
@@ -271,8 +286,12 @@ class Kinematics:
             InputError: If the twist is not finite.
             ShapeError: If `steering` has the wrong length.
         """
-        vx, vy, omega = twist.vx, twist.vy, twist.omega
-        if not math.isfinite(vx + vy + omega):
+        try:
+            vx, vy, omega = twist.vx, twist.vy, twist.omega
+            finite = math.isfinite(vx + vy + omega)
+        except (AttributeError, TypeError):
+            raise InputError(f"inverse: {twist!r}, must be a Twist2D of numbers") from None
+        if not finite:
             raise InputError(f"{twist}: every component must be finite")
         for a, b, turn in self._constraints:
             slip = a * vx + b * vy + turn * omega
@@ -369,9 +388,9 @@ class Kinematics:
             Infeasible: If any of the twists needs slip.
             ShapeError: If the last axis is not 3.
         """
-        from array_api_compat import array_namespace, device
+        from array_api_compat import device
 
-        xp = array_namespace(twists)
+        xp = array_library("twists", twists)
         if twists.ndim == 0 or twists.shape[-1] != 3:
             raise ShapeError(f"twists: shape {tuple(twists.shape)}, the last axis must be 3: (vx, vy, omega)")
         vx, vy, omega = twists[..., 0], twists[..., 1], twists[..., 2]
@@ -437,8 +456,13 @@ class Kinematics:
     def _solve(
         self, speeds: Sequence[float], steering: Sequence[float], yaw_rate: float | None
     ) -> list[float]:
-        angles = self._check_reading(speeds, steering)
-        twist = self._solver(yaw_rate).solve(speeds, angles, yaw_rate, math)
+        try:
+            angles = self._check_reading(speeds, steering)
+            twist = self._solver(yaw_rate).solve(speeds, angles, yaw_rate, math)
+        except TypeError:
+            rows = {"speeds": speeds, "steering": steering}
+            require_numbers("forward", one={"yaw_rate": yaw_rate}, row=rows)
+            raise
         if not math.isfinite(twist[0] + twist[1] + twist[2]):
             raise InputError(
                 f"speeds {tuple(speeds)}, steering {tuple(angles)}, yaw_rate {yaw_rate}: must be finite"
@@ -475,9 +499,9 @@ class Kinematics:
             ShapeError: If a last axis has the wrong length.
             Unobservable: If any reading does not determine the motion.
         """
-        from array_api_compat import array_namespace, device
+        from array_api_compat import device
 
-        xp = array_namespace(speeds)
+        xp = array_library("speeds", speeds)
         wheels, angles = self._columns(speeds, steering)
         twist = self._solver(yaw_rate).solve(wheels, angles, yaw_rate, xp)
         like = xp.zeros(speeds.shape[:-1], dtype=speeds.dtype, device=device(speeds))

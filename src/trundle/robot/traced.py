@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from trundle.errors import ConfigError
+from trundle.errors import ConfigError, InputError
 
-__all__ = ["nominal", "surely", "trigonometry"]
+__all__ = ["array_library", "nominal", "surely", "trigonometry"]
 
 _FINEST = 2.0**-40  # far below any length that decides anything
 
@@ -52,3 +52,19 @@ def trigonometry(value: Any) -> Any:
     from array_api_compat import array_namespace
 
     return array_namespace(value)
+
+
+def array_library(name: str, array: Any) -> Any:
+    """The namespace of an array's library, as the array-API standard has it.
+
+    Raises:
+        InputError: If it is no array, a list for example.
+    """
+    from array_api_compat import array_namespace
+
+    try:
+        return array_namespace(array)
+    except TypeError:
+        kind = type(array).__name__
+        problem = f"{name}: a {kind}, must be an array (NumPy, PyTorch, JAX, ...)"
+        raise InputError(f"{problem}; numpy.asarray({name}) makes one of a list") from None
