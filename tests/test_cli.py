@@ -565,12 +565,13 @@ def test_progress_bar_is_gone_in_the_end(monkeypatch, capsys):
 
 # Stops the program by a signal when half of the new file is written.
 STOPPED = """
-import os, signal, sys
+import signal, sys
 from trundle.adapters import tum
 
 def half(trajectory, path):
     path.write_text("0 0 0")
-    os.kill(os.getpid(), int(sys.argv[1]))
+    # To this very thread: another one might take it at leisure, when the file is complete.
+    signal.raise_signal(int(sys.argv[1]))
 
 tum.write_tum = half
 from trundle.apps.cli import main
@@ -674,6 +675,8 @@ def output_is_there(folder):
     (folder / "old.tum").write_text("old")
     (folder / "old.png").write_text("old")
     (folder / "link.csv").symlink_to("run.csv")
+    (folder / "hard.csv").hardlink_to(log)
+    (folder / "input.png").write_text("a reference")
     before = log.read_bytes()
     for outputs in (
         ["-o", "old.tum"],
@@ -682,6 +685,15 @@ def output_is_there(folder):
         ["-o", "new.tum", "--plot", "old.png"],
     ):
         words = [f"{folder / word}" if "." in word else word for word in outputs]
+        assert main(["track", str(log), "--robot", str(folder / "robot.yaml"), *words]) == 2
+    for outputs in (
+        ["-o", "run.csv"],
+        ["-o", "link.csv"],
+        ["-o", "hard.csv"],
+        ["-o", "new.tum", "--plot", "input.png"],
+    ):
+        words = [f"{folder / word}" if "." in word else word for word in outputs]
+        words += ["--force", "--reference", str(folder / "input.png")] if "--plot" in words else ["--force"]
         assert main(["track", str(log), "--robot", str(folder / "robot.yaml"), *words]) == 2
     assert log.read_bytes() == before
     assert (folder / "old.tum").read_text() == (folder / "old.png").read_text() == "old"

@@ -45,7 +45,7 @@ def test_a_log_becomes_our_own_csv(tmp_path: Path, capsys) -> None:
 @pytest.mark.parametrize(
     ("name", "code", "words"),
     [
-        ("run.csv", 2, "is the input itself; --force"),
+        ("run.csv", 2, "is the input itself, must be another file"),
         ("run.xyz", 2, "must end in one of .tum"),
         ("nowhere/run.tum", 5, "there is no folder"),
     ],

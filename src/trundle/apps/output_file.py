@@ -16,17 +16,18 @@ def check_output(path: Path, *, suffixes: Sequence[str], inputs: Sequence[Path],
     Args:
         path: Where a result shall stand.
         suffixes: What its name may end in.
-        inputs: Files that it is made from.
+        inputs: Files that it is made from; nothing replaces them, `force` neither.
         force: Replace a file that exists.
 
     Raises:
-        InputError: If the suffix is another one, or the file exists and `force` is not given.
+        InputError: If the suffix is another one, the file is an input, or exists and `force` is not given.
         OutputError: If its folder does not exist.
     """
     if path.suffix.lower() not in suffixes:
         raise InputError(f"{path}: an output here must end in one of {', '.join(suffixes)}")
     if not path.parent.is_dir():
         raise OutputError(f"{path}: there is no folder {path.parent}")
+    if path.exists() and any(one.exists() and path.samefile(one) for one in inputs):
+        raise InputError(f"{path}: is the input itself, must be another file; --force does not replace it")
     if path.exists() and not force:
-        same = any(one.exists() and path.samefile(one) for one in inputs)
-        raise InputError(f"{path}: {'is the input itself' if same else 'exists'}; --force replaces it")
+        raise InputError(f"{path}: exists; --force replaces it")
