@@ -38,7 +38,7 @@ TWO = np.zeros((3, 2))
         (lambda: ROBOT.with_localizer("gyro"), "localizer: 'gyro', must be a drive"),
         (lambda: tr.Encoder(ticks_per_revolution=5, bits=2.5), "bits: 2.5, must be a whole number"),
         (lambda: tr.Encoder(ticks_per_revolution=5, bits="16"), "bits: '16', must be a whole number"),
-        (lambda: tr.Custom(wheels=3), "wheels: 3, must be a list of Wheel"),
+        (lambda: tr.Custom(wheels=3), "wheels: \\(3,\\), must be a list of Wheel"),
         (lambda: tr.Custom(wheels=[3]), "wheels: \\(3,\\), must be a list of Wheel"),
         (
             lambda: tr.Differential(track_width=1, wheel_radius=1, reference=3),

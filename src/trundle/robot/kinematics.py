@@ -101,10 +101,10 @@ class Kinematics:
         if isinstance(reference, float | int) or len(reference) != 2:
             raise ConfigError("reference", f"{reference!r}, must be (x, y)")
         rx, ry = (require_finite("reference", part) for part in reference)
-        wheels = tuple(wheels) if isinstance(wheels, Iterable) else wheels
-        if not isinstance(wheels, tuple) or not all(isinstance(wheel, Wheel) for wheel in wheels):
-            raise ConfigError("wheels", f"{wheels!r}, must be a list of Wheel(name, x, y, radius)")
-        self.wheels = tuple(replace(wheel, x=wheel.x - rx, y=wheel.y - ry) for wheel in wheels)
+        given = tuple(wheels) if isinstance(wheels, Iterable) else (wheels,)
+        if not all(isinstance(wheel, Wheel) for wheel in given):
+            raise ConfigError("wheels", f"{given!r}, must be a list of Wheel(name, x, y, radius)")
+        self.wheels = tuple(replace(wheel, x=wheel.x - rx, y=wheel.y - ry) for wheel in given)
         self.reference = (rx, ry)
         speaking = [wheel for wheel in self.wheels if wheel.kind is not WheelKind.CASTER]
         self._speaking = speaking
