@@ -20,7 +20,7 @@ from trundle.apps.ros2.lease import Source
 from trundle.apps.ros2.parameters import Settings, configured, declared
 from trundle.command import Reason
 from trundle.records import Reading, WheelLog
-from trundle.robot import Ackermann
+from trundle.robot import Ackermann, Bicycle, Mecanum, Omni
 from trundle.robot.log_mapping import Clock
 
 MS = 1_000_000
@@ -514,6 +514,19 @@ def test_parameters_bear_the_names_of_ros2_controllers():
     assert math.isnan(names["linear.x.max_jerk"].default)
     assert configured(ROVER, values()).robot is ROVER
     assert "wheelbase" in declared(Robot(drive=Ackermann(wheelbase=0.3, track_width=0.2, wheel_radius=0.05)))
+
+
+def test_the_documentation_names_every_parameter(checkout):
+    words = (checkout / "docs" / "ros2.md").read_text(encoding="utf-8")
+    drives = (
+        DRIVE,
+        Ackermann(wheelbase=0.3, track_width=0.2, wheel_radius=0.05),
+        Bicycle(wheelbase=0.3, wheel_radius=0.05),
+        Mecanum(track_width=0.3, wheelbase=0.3, wheel_radius=0.05),
+        Omni(robot_radius=0.2, wheel_radius=0.05),
+    )
+    named = {name for drive in drives for name in declared(Robot(drive=drive))}
+    assert {name for name in named if f"`{name}`" not in words} == set()
 
 
 @pytest.mark.parametrize(

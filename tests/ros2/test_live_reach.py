@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+import os
+import pty
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -85,9 +89,10 @@ def assert_live_equals_the_log(live, sent, folder):
     np.testing.assert_allclose(live_doubt, trajectory.covariances[:, 2, 2], rtol=1e-9, atol=1e-15)
 
 
-def latencies(live, times):
-    """From each sample to its odometry [ms], sorted."""
-    return sorted(1e3 * (came - times[stamp_ns(message)]) for came, message in live.heard["odom"])
+def percentiles(live, topic, times):
+    """From each sample to the message with its stamp [ms]: median, and what one in a hundred exceeds."""
+    ms = sorted(1e3 * (came - times[stamp_ns(message)]) for came, message in live.heard[topic])
+    return ms[len(ms) // 2], ms[round(len(ms) * 0.99)]
 
 
 def test_200_hz_for_ten_seconds(start, tmp_path):
@@ -96,17 +101,47 @@ def test_200_hz_for_ten_seconds(start, tmp_path):
     assert_live_equals_the_log(live, sent, tmp_path / "0")
 
 
+BARE = """
+import rclpy
+from nav_msgs.msg import Odometry
+from rclpy.experimental import EventsExecutor
+from sensor_msgs.msg import JointState
+rclpy.init()
+node = rclpy.create_node("bare")
+publisher = node.create_publisher(Odometry, "bare", 100)
+message = Odometry()
+def take(joints):
+    message.header.stamp = joints.header.stamp
+    publisher.publish(message)
+node.create_subscription(JointState, "joint_states", take, 100)
+executor = EventsExecutor()
+executor.add_node(node)
+while True:
+    executor.spin_once(timeout_sec=1.0)
+"""
+
+
 @pytest.mark.verify
 def test_200_hz_for_a_minute(start, tmp_path):
+    """And how late: within 5 ms, or where the machine is too busy for that, hardly later than rclpy alone."""
+    from nav_msgs.msg import Odometry
+
     live = start().ready()
-    sent, times = session(live, 200, 60.0)
-    assert_live_equals_the_log(live, sent, tmp_path / "0")
-    ms = latencies(live, times)
-    middle, late = ms[len(ms) // 2], ms[round(len(ms) * 0.99)]
+    bare = subprocess.Popen([sys.executable, "-c", BARE], env=live.environment)
+    try:
+        live.hear(Odometry, "bare")
+        live.until(lambda: live.joints.get_subscription_count() == 2, 20)
+        sent, times = session(live, 200, 60.0)
+        assert_live_equals_the_log(live, sent, tmp_path / "0")
+    finally:
+        bare.kill()
+        bare.wait()
+    (middle, late), (bare_middle, bare_late) = (percentiles(live, topic, times) for topic in ("odom", "bare"))
     print(
-        f"joint_states -> odom -> here: median {middle:.2f} ms, p99 {late:.2f} ms; {len(ms)} of {len(sent)}"
+        f"joint_states -> odom -> here: median {middle:.2f} ms, p99 {late:.2f} ms, {len(live.odom)} of "
+        f"{len(sent)}; rclpy alone beside it: median {bare_middle:.2f} ms, p99 {bare_late:.2f} ms"
     )
-    assert late < 5.0
+    assert late < max(5.0, 1.5 * bare_late)
 
 
 def cpu_seconds(process):
@@ -168,6 +203,45 @@ def test_a_simulated_car_is_driven_with_plain_twists(how, start):
     assert math.hypot(truth.position.x - found.position.x, truth.position.y - found.position.y) < 0.05
     assert abs(live.odom[-1].twist.twist.linear.x) < 1e-3
     assert truth.orientation.z > 0.1
+
+
+def test_the_keyboard_example_drives(start, checkout):
+    """In a terminal of its own: faster, an emergency stop that holds, its release, and off again."""
+    live = start().ready()
+    keyboard, terminal = pty.openpty()
+    script = checkout / "examples" / "ros2" / "teleop.py"
+    teleop = subprocess.Popen(
+        [sys.executable, str(script)], stdin=terminal, stdout=subprocess.PIPE, env=live.environment
+    )
+
+    def press(keys):
+        os.write(keyboard, keys.encode())
+
+    def speed():
+        return live.wheels[-1][0] * 0.05
+
+    try:
+        assert b"w, s" in teleop.stdout.readline()  # from now on it takes single keys
+        press("www")
+        live.until(lambda: speed() == pytest.approx(0.3), 20)
+        press("e")
+        live.until(lambda: speed() == 0.0)
+        press("w")
+        live.spin(0.5)
+        assert speed() == 0.0
+        press("r ")
+        live.spin(0.5)
+        press("s")
+        live.until(lambda: speed() == pytest.approx(-0.1))
+        press("q")
+        assert teleop.wait(timeout=10) == 0
+        live.until(lambda: speed() == 0.0)
+    finally:
+        teleop.kill()
+        teleop.wait()
+        teleop.stdout.close()
+        os.close(keyboard)
+        os.close(terminal)
 
 
 def test_a_pose_is_set_and_reset(start):

@@ -100,18 +100,16 @@ class CommandTopics:
         return source.topic
 
     def _subscribe(self, topic: str) -> None:
+        from rclpy.event_handler import SubscriptionEventCallbacks
         from rclpy.qos_overriding_options import QoSOverridingOptions
 
-        callbacks = message_type("rclpy.event_handler", "SubscriptionEventCallbacks") or message_type(
-            "rclpy.qos_event", "SubscriptionEventCallbacks"
-        )
         kind = message_type("geometry_msgs.msg", self._kinds[topic].rpartition("/")[2])
         self._by_topic[topic] = self._node.create_subscription(
             kind,
             topic,
             _unused,
             10,
-            event_callbacks=callbacks(use_default_callbacks=False),
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
 

@@ -98,8 +98,7 @@ class RobotNode:
         self._every(1.0 / self.base.settings.update_rate, self._tick)
         self._every(0.1, self._commands.follow)
         self._every(1.0, self._diagnose)
-        for warning in (*robot.limits.warnings, *self._missing):
-            self._log.warning(warning)
+        self._warn(*self._missing)
 
     def start(self) -> None:
         """Configure and activate."""
@@ -139,8 +138,7 @@ class RobotNode:
                 wanted = Parameter.Type.from_parameter_value(parameter.default).name.lower()
                 raise ConfigError(name, f"must be of type {wanted}: {error}") from None
         self.node.add_on_set_parameters_callback(self._check_parameters)
-        if hasattr(self.node, "add_post_set_parameters_callback"):  # since Iron
-            self.node.add_post_set_parameters_callback(self._adopt_parameters)
+        self.node.add_post_set_parameters_callback(self._adopt_parameters)
         return values
 
     def _check_parameters(self, changed: Sequence[Any]) -> Any:
@@ -154,8 +152,6 @@ class RobotNode:
             self._pending = self.base.prepared(configured(self._robot, values))
         except ConfigError as error:
             return result(successful=False, reason=str(error))
-        if not hasattr(self.node, "add_post_set_parameters_callback"):
-            self._adopt_parameters(changed)
         return result(successful=True)
 
     def _adopt_parameters(self, _changed: Sequence[Any]) -> None:
@@ -163,6 +159,12 @@ class RobotNode:
         if pending is not None:
             self.base.adopt(pending)
             self._name_frames()
+            self._warn()
+
+    def _warn(self, *others: str) -> None:
+        """Say what a person must know whenever it is so."""
+        for warning in (*self.base.settings.robot.limits.warnings, *others):
+            self._log.warning(warning)
 
     # --- topics ---------------------------------------------------------------------------------
 
