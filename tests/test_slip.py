@@ -9,6 +9,7 @@ import pytest
 
 import trundle as tr
 from trundle import Reading, WheelLog, WheelOdometry
+from trundle.odometry.frozen_wheels import FrozenWheels
 from trundle.odometry.slip import SlipMonitor, threshold
 from trundle.odometry.standstill import Standstill
 
@@ -283,6 +284,20 @@ def quantised(name: str, speed: float, ticks: int, rows: int, allowed: int) -> N
     print(f"{name}, {ticks} ticks, {speed} m/s, {rows / 180_000:.2f} h: {dict(events)}")
     assert events.get("slip", 0) <= allowed
     assert events.get("stuck_wheel", 0) <= allowed
+
+
+def test_ticks_alone_convict_no_wheel() -> None:
+    """Of four omni wheels three may each have ticked just now, the fourth be about to: four ticks."""
+    tick = math.tau / 20
+    frozen = FrozenWheels(DRIVES["omni"], NOISE, [tick * R] * 4)
+    once = [tick, -tick, tick, 0.0]  # what the fourth is owed: w_4 = w_1 - w_2 + w_3
+    quiet = [0.0, 0.0, 0.0, 0.0]
+    found = [
+        frozen.convict(turned, (), None, 0.3, DRIVES["omni"].displacement(turned), None)
+        for turned in (once, *[quiet] * 20, once)
+    ]
+    assert found == [False] * 21 + [True]
+    assert frozen.stuck == (3,)
 
 
 # --- one definition ---------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ SHARE = 0.25
 SIGMAS = 10.0
 """And at least so many standard deviations of a wheel's way."""
 LEAST = 0.005
-"""And at least so far [m]."""
+"""And at least so far [m]; all this beyond what ticks can feign."""
 
 
 class Spare:
@@ -139,7 +139,7 @@ class FrozenWheels:
             if command is not None:
                 span.wanted += command[index] * self._wheels[index].radius * seconds
             self._expect(span, index, turned, steering, turn, step)
-            if span.seconds >= FROZEN_AFTER and self._guilty(span, index):
+            if span.seconds >= FROZEN_AFTER and self._guilty(span, index, steering, turn):
                 self.stuck = (*self.stuck, index)
                 self.missed = span.missed
                 del self._spans[index]
@@ -149,24 +149,38 @@ class FrozenWheels:
     def _expect(
         self, span: _Span, index: int, turned: Numbers, steering: Numbers, turn: float | None, step: Numbers
     ) -> None:
-        spare = self.spare((*self.stuck, index)) if self.redundant else None
-        told = None if spare is None else spare.displacement(turned, steering, turn)
+        told = self._told(index, turned, steering, turn)
         if told is None:
             return
+        span.owed += self._way(index, steering, told)
+        span.missed = [m + a - b for m, a, b in zip(span.missed, told, step, strict=True)]
+
+    def _told(self, index: int, turned: Numbers, steering: Numbers, turn: float | None) -> Numbers | None:
+        """The displacement that the others say; None where they cannot."""
+        spare = self.spare((*self.stuck, index)) if self.redundant else None
+        return None if spare is None else spare.displacement(turned, steering, turn)
+
+    def _way(self, index: int, steering: Numbers, step: Numbers) -> float:
+        """How far a wheel rolls in a displacement of the body [m]."""
         wheel = self._wheels[index]
         if wheel.name in self._drive.steered_names:
             toward = wheel.heading + steering[self._drive.steered_names.index(wheel.name)]
-            x, y = (sum(a * b for a, b in zip(row, told, strict=True)) for row in contact(wheel))
-            span.owed += math.cos(toward) * x + math.sin(toward) * y
-        else:
-            span.owed += sum(a * b for a, b in zip(rolling(wheel), told, strict=True))
-        span.missed = [m + a - b for m, a, b in zip(span.missed, told, step, strict=True)]
+            x, y = (sum(a * b for a, b in zip(row, step, strict=True)) for row in contact(wheel))
+            return math.cos(toward) * x + math.sin(toward) * y
+        return sum(a * b for a, b in zip(rolling(wheel), step, strict=True))
 
-    def _guilty(self, span: _Span, index: int) -> bool:
-        least = max(
-            LEAST,
-            3.0 * self._ticks[index],
-            SHARE * span.furthest,
-            SIGMAS * self._sigma * math.sqrt(span.furthest),
-        )
-        return max(abs(span.owed), abs(span.wanted)) >= least
+    def _guilty(self, span: _Span, index: int, steering: Numbers, turn: float | None) -> bool:
+        owed = max(abs(span.owed), abs(span.wanted))
+        least = max(LEAST, SHARE * span.furthest, SIGMAS * self._sigma * math.sqrt(span.furthest))
+        return owed >= least and owed >= least + self._miscounted(index, steering, turn)
+
+    def _miscounted(self, index: int, steering: Numbers, turn: float | None) -> float:
+        """What ticks alone can make a wheel seem to be owed [m]: its own, and one of each who says so."""
+        most = self._ticks[index]
+        for other, (tick, wheel) in enumerate(zip(self._ticks, self._wheels, strict=True)):
+            if tick and other != index:
+                turned = [0.0] * len(self._wheels)
+                turned[other] = tick / wheel.radius
+                told = self._told(index, turned, steering, None if turn is None else 0.0)
+                most += 0.0 if told is None else abs(self._way(index, steering, told))
+        return most
