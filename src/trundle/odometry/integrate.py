@@ -7,7 +7,8 @@ go through arrays, every other row through `update` itself, and the state is pas
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,12 +32,14 @@ from trundle.records import Reading, Trajectory, WheelLog
 from trundle.robot import Kinematics, Robot, TrackingWheels
 from trundle.robot.traced import array_library
 
-__all__ = ["integrate", "integrate_batch"]
+__all__ = ["integrate", "integrate_batch", "integrate_pieces"]
 
 Array = Any
 Floats = npt.NDArray[Any]
+Stamps = npt.NDArray[np.int64]
 
 BLOCK = 4096  # rows at a time: what their arrays take fits into the second-level cache
+NEIGHBOURS = 1 << 15  # rows before and behind that say whether a row is plain: far more than FROZEN_AFTER
 
 
 def integrate(
@@ -65,17 +68,76 @@ def integrate(
         LogSchema: If the log lacks a wheel or steering angle that the robot measures.
         InputError: If ticks come without encoders.
     """
-    described = robot if isinstance(robot, Robot) else Robot(drive=robot)
     if not isinstance(log, WheelLog):
         raise InputError(f"integrate: {log!r}, must be a WheelLog; read_log makes one of a file")
+    way = Integrator.named(integrator)
+    odometry = _odometry(robot, log, way, covariance=covariance, pose=pose, max_gap=max_gap)
+    fold = _Fold(odometry, _Rows.of(odometry.drive, log), way)
+    fold.run()
+    return fold.trajectory(log.rejected)
+
+
+def integrate_pieces(
+    robot: Robot | Kinematics,
+    pieces: Iterable[WheelLog],
+    *,
+    covariance: bool = True,
+    integrator: str | Integrator = Integrator.ARC_PLUS,
+    pose: Pose2D | None = None,
+    max_gap: float = 1.0,
+) -> Iterator[Trajectory]:
+    """A log that comes in pieces, to a trajectory in pieces, in memory that does not depend on its length.
+
+    Put together they are, to the last bit, what `integrate` makes of the pieces put together.
+
+    Args:
+        robot: A Robot, or a drive.
+        pieces: Parts of one log in the order of time, alike in what they hold.
+        covariance: As for `integrate`.
+        integrator: As for `WheelOdometry`.
+        pose: As for `integrate`.
+        max_gap: As for `integrate`.
+
+    Yields:
+        Poses; `rejected` and `events` are those since the piece before.
+
+    Raises:
+        LogSchema: As for `integrate`.
+        InputError: As for `integrate`; or the integrator is "symmetric", which looks at all rows at once.
+    """
+    way = Integrator.named(integrator)
+    if way is Integrator.SYMMETRIC:
+        raise InputError("integrate_pieces: symmetric looks at the whole log at once; use arc+")
+    fold: _Fold | None = None
+    lost: Counter[str] = Counter()
+    for log in pieces:
+        lost.update(log.rejected)
+        if fold is None:
+            odometry = _odometry(robot, log, way, covariance=covariance, pose=pose, max_gap=max_gap)
+            fold = _Fold(odometry, _Rows.of(odometry.drive, log), way)
+        else:
+            fold.extend(_Rows.of(fold.odometry.drive, log))
+        if len(fold.rows) - fold.row > 2 * NEIGHBOURS:
+            fold.run(len(fold.rows) - NEIGHBOURS)
+            yield fold.trajectory(lost)
+            lost.clear()
+    if fold is not None:
+        fold.run()
+        yield fold.trajectory(lost)
+
+
+def _odometry(
+    robot: Robot | Kinematics, log: WheelLog, way: Integrator, *, covariance: bool, **options: Any
+) -> WheelOdometry:
+    """What folds a log, made for what the log says."""
+    described = robot if isinstance(robot, Robot) else Robot(drive=robot)
     if log.wheels is None:
         described = described.with_localizer(_twist_sensor())
-    way = Integrator.named(integrator)
     single = Integrator.ARC if way is Integrator.SYMMETRIC else way
-    odometry = WheelOdometry(described, integrator=single, pose=pose, covariance=covariance, max_gap=max_gap)
+    odometry = WheelOdometry(described, integrator=single, covariance=covariance, **options)
     if log.reading is Reading.TICKS and log.wheels is not None:
         odometry.encoders = described.encoders_of(odometry.drive.measured_names)
-    return _Fold(odometry, _Rows.of(odometry.drive, log), way).run(log.rejected)
+    return odometry
 
 
 def _twist_sensor() -> Kinematics:
@@ -114,6 +176,21 @@ class _Rows:
 
     def __len__(self) -> int:
         return len(self.time_ns)
+
+    def followed_by(self, later: _Rows, *, since: int) -> _Rows:
+        """These rows from one of them on, and later ones."""
+
+        def joined(one: Floats, other: Floats) -> Floats:
+            return np.concatenate([one[since:], other])
+
+        both = None if self.yaw_rate is None or later.yaw_rate is None else (self.yaw_rate, later.yaw_rate)
+        return _Rows(
+            joined(self.time_ns, later.time_ns),
+            self.reading,
+            [joined(*columns) for columns in zip(self.wheels, later.wheels, strict=True)],
+            [joined(*columns) for columns in zip(self.steering, later.steering, strict=True)],
+            None if both is None else joined(*both),
+        )
 
     def turned(self, k: int, rows: slice, odometry: WheelOdometry) -> Array:
         """What wheel k turned [rad] in each of the rows since the row before it."""
@@ -154,14 +231,14 @@ class _Rows:
                         good[1:] &= np.abs(self.turned(k, rows, odometry)) < half_range
                         good[1:] &= odometry.plausible.declared[k] * seconds < half_range
             turned = [self.turned(k, rows, odometry) for k in range(len(self.wheels))]
-        self._leave_standing(odometry, turned, seconds, good)
+        self._leave_standing(odometry, turned, elapsed, good)
         return good
 
     def _leave_standing(
-        self, odometry: WheelOdometry, turned: Sequence[Floats], seconds: Floats, good: npt.NDArray[np.bool_]
+        self, odometry: WheelOdometry, turned: Sequence[Floats], elapsed: Stamps, good: npt.NDArray[np.bool_]
     ) -> None:
         """Rows of a robot or of a wheel that stands are for `update`, which learns from them."""
-        sound, standing = good[1:].copy(), np.zeros(len(seconds), dtype=bool)
+        sound, standing = good[1:].copy(), np.zeros(len(elapsed), dtype=bool)
         standstill = odometry.standstill
         if standstill is not None and self.yaw_rate is not None:
             standing |= np.all(
@@ -171,7 +248,7 @@ class _Rows:
         if odometry.frozen is not None and odometry.frozen.redundant:
             moving = np.any([way != 0.0 for way in turned], axis=0) | ~sound
             for way in turned:
-                standing |= _long_runs((way == 0.0) | ~sound, seconds) & moving
+                standing |= _long_runs((way == 0.0) | ~sound, elapsed) & moving
         good[1:] &= ~standing
 
     def _sound(self, odometry: WheelOdometry) -> npt.NDArray[np.bool_]:
@@ -191,32 +268,41 @@ class _Fold:
 
     def __init__(self, odometry: WheelOdometry, rows: _Rows, integrator: Integrator) -> None:
         self.odometry = odometry
-        self.rows = rows
         self.integrator = integrator
-        count = len(rows)
-        self.time_ns = np.empty(count, dtype=np.int64)
-        self.poses, self.twists = np.empty((count, 3)), np.empty((count, 3))
-        self.upper = None if odometry.errors is None else np.empty((count, 6))
-        self.filled = 0
+        self.row = 0  # the first that is not folded yet
+        self._in_step = False
+        self._counted: dict[str, Counter[str]] = {}
+        self.rows = rows
 
-    def run(self, lost: Mapping[str, int]) -> Trajectory:
-        """Fold everything; `lost` are rows that never reached us."""
+    def extend(self, later: _Rows) -> None:
+        """More rows of the same log; of those that are folded only the neighbours stay."""
+        since = max(self.row - NEIGHBOURS, 0)
+        self.row -= since
+        self.rows = self.rows.followed_by(later, since=since)
+
+    def run(self, limit: int | None = None) -> None:
+        """Fold everything; or up to a row that has as many behind it as it takes to judge it."""
         odometry, count = self.odometry, len(self.rows)
+        limit = count if limit is None else limit
+        left = count - self.row
+        self.time_ns = np.empty(left, dtype=np.int64)
+        self.poses, self.twists = np.empty((left, 3)), np.empty((left, 3))
+        self.upper = None if odometry.errors is None else np.empty((left, 6))
+        self.filled = 0
         plain = self.rows.plain(odometry)
         # For each row, where the run of plain rows that it belongs to ends.
         ends = np.append(np.flatnonzero(~plain), count)
-        row, in_step = 0, False
-        while row < count:
-            if in_step and plain[row] and not odometry.stuck:
+        while self.row < limit:
+            row = self.row
+            if self._in_step and plain[row] and not odometry.stuck:
                 stop = int(ends[np.searchsorted(ends, row)])
                 if self.integrator is not Integrator.SYMMETRIC:
                     stop = min(stop, row + BLOCK)
                 if done := self._block(slice(row, stop)):
-                    row += done
+                    self.row += done
                     continue
-            in_step = self._single(row)
-            row += 1
-        return self._trajectory(lost)
+            self._in_step = self._single(row)
+            self.row += 1
 
     def _single(self, row: int) -> bool:
         rows = self.rows
@@ -372,18 +458,24 @@ class _Fold:
             self.upper[out, k] = column
         return _last(grown, seconds.shape), _last(gains[2], seconds.shape), drifts
 
-    def _trajectory(self, lost: Mapping[str, int]) -> Trajectory:
-        rejected = dict(lost)
-        for reason, count in self.odometry.rejected.items():
-            rejected[reason] = rejected.get(reason, 0) + count
+    def trajectory(self, lost: Mapping[str, int]) -> Trajectory:
+        """What came of the last run; `lost` are rows that never reached us."""
+        rejected = self._since("rejected", self.odometry.rejected)
+        rejected.update(lost)
         return Trajectory(
             time_ns=self.time_ns[: self.filled],
             poses=self.poses[: self.filled],
             twists=self.twists[: self.filled],
             covariances=None if self.upper is None else self.upper[: self.filled][:, _FULL].reshape(-1, 3, 3),
             rejected=rejected,
-            events=self.odometry.events,
+            events=self._since("events", self.odometry.events),
         )
+
+    def _since(self, what: str, counts: Mapping[str, int]) -> Counter[str]:
+        """What has been counted since the last time."""
+        new = Counter(counts) - self._counted.get(what, Counter())
+        self._counted[what] = Counter(counts)
+        return new
 
 
 def integrate_batch(
@@ -584,12 +676,12 @@ def _pick(
     return chosen
 
 
-def _long_runs(flags: npt.NDArray[np.bool_], seconds: Floats) -> npt.NDArray[np.bool_]:
+def _long_runs(flags: npt.NDArray[np.bool_], elapsed: Stamps) -> npt.NDArray[np.bool_]:
     """The flags of runs that may last long enough to make a wheel suspect, and the step after each."""
     edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))
     starts, ends = edges[::2], edges[1::2]
-    clock = np.concatenate([[0.0], np.cumsum(np.abs(seconds))])
-    lasting = clock[ends] - clock[starts] > 0.9 * FROZEN_AFTER
+    clock = np.concatenate([[0], np.cumsum(np.abs(elapsed))])  # whole numbers: the same wherever it begins
+    lasting = clock[ends] - clock[starts] > round(0.9e9 * FROZEN_AFTER)
     marks = np.zeros(len(flags) + 2, dtype=np.int64)
     np.add.at(marks, starts[lasting], 1)
     np.add.at(marks, ends[lasting] + 1, -1)
