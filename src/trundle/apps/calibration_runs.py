@@ -58,6 +58,11 @@ class Drives:
             options = "--reference, --rolled, --spun and --closed"
             raise InputError(f"{logs[twice[0]]}: {options} exclude each other, and two speak of it")
 
+    @property
+    def files(self) -> list[Path]:
+        """Files of references that were given."""
+        return [Path(word) for word in self._files.values() if word != GYRO]
+
     def run(self, number: int, robot: Robot, doing: Callable[[str], None], *, salvage: bool = False) -> Run:
         """Read a log.
 

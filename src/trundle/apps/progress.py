@@ -23,6 +23,7 @@ class Progress:
         self._steps = steps
         self._done = -1
         self._doing = ""
+        self._detail = ""
         self._bar: Any = None
         self._lock = threading.Lock()
         self._timer = threading.Timer(PATIENCE, self._show)
@@ -47,6 +48,14 @@ class Progress:
         with self._lock:
             self._done += 1
             self._doing = doing
+            self._detail = ""
+            if self._bar is not None:
+                self._update()
+
+    def detail(self, words: str) -> None:
+        """How far the present step is."""
+        with self._lock:
+            self._detail = f": {words}"
             if self._bar is not None:
                 self._update()
 
@@ -66,4 +75,5 @@ class Progress:
     def _update(self) -> None:
         from rich.markup import escape
 
-        self._bar.update(self._bar.task_ids[0], completed=self._done, description=escape(self._doing))
+        words = escape(self._doing + self._detail)
+        self._bar.update(self._bar.task_ids[0], completed=self._done, description=words)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "plural",
     "seconds",
     "size",
+    "wrapped",
 ]
 
 
@@ -97,4 +99,15 @@ def aligned(rows: Sequence[Sequence[str]], right: Sequence[int] = (), indent: st
             )
         ).rstrip()
         for row in rows
+    ]
+
+
+def wrapped(texts: Sequence[str], mark: str, width: int = 100) -> list[str]:
+    """Sentences as lines of at most this width, each behind a mark, what follows below its text."""
+    return [
+        line
+        for text in texts
+        for line in textwrap.wrap(
+            text, width, initial_indent=mark, subsequent_indent=" " * len(mark), break_long_words=False
+        )
     ]
