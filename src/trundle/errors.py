@@ -7,6 +7,10 @@
     │   └── ShapeError                    ... of the wrong length or shape
     ├── Unobservable (ArithmeticError)    these readings do not determine the answer
     │   └── Singular
+    ├── CalibrationError (ValueError)     drives and references that no numbers explain
+    │   ├── TooFewData                    ... because there are too few of them
+    │   ├── Inconsistent                  ... because they contradict each other
+    │   └── NotConverged (ArithmeticError) ... or none were found
     ├── Infeasible (ValueError)           the robot cannot move like that
     ├── PathError (ValueError)            a path that nothing can follow
     ├── LogError (ValueError)             a file that cannot be read as a log
@@ -28,7 +32,9 @@ from collections.abc import Iterable, Mapping
 from typing import SupportsFloat, SupportsIndex
 
 __all__ = [
+    "CalibrationError",
     "ConfigError",
+    "Inconsistent",
     "Infeasible",
     "InputError",
     "LogCorrupt",
@@ -37,10 +43,12 @@ __all__ = [
     "LogSchema",
     "LogTruncated",
     "MissingExtra",
+    "NotConverged",
     "OutputError",
     "PathError",
     "ShapeError",
     "Singular",
+    "TooFewData",
     "TrundleError",
     "Unobservable",
     "did_you_mean",
@@ -91,6 +99,33 @@ class Unobservable(TrundleError, ArithmeticError):
 
 class Singular(ConfigError, Unobservable):
     """A drive whose wheels can never observe how the robot moves."""
+
+
+class CalibrationError(TrundleError, ValueError):
+    """Drives and references that no numbers explain."""
+
+
+class TooFewData(CalibrationError):
+    """There are too few of them."""
+
+
+class Inconsistent(CalibrationError):
+    """They contradict each other."""
+
+
+class NotConverged(CalibrationError, ArithmeticError):
+    """The numbers did not come to rest.
+
+    Attributes:
+        iterations: After how many iterations the search was given up.
+    """
+
+    def __init__(self, iterations: int, names: Iterable[str]) -> None:
+        self.iterations = iterations
+        super().__init__(
+            f"no numbers were found in {iterations} iterations; {', '.join(names)} did not come to rest: "
+            "is the description of the right drive, and the reference of this robot?"
+        )
 
 
 class Infeasible(TrundleError, ValueError):

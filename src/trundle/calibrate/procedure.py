@@ -1,0 +1,333 @@
+"""The calibration from beginning to end: choose what can be told, fit, and say how good it is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from trundle.calibrate.calibration import Calibration, Estimate, RunFit, Unobserved
+from trundle.calibrate.fixes import fixes_of
+from trundle.calibrate.frames import mirrored, residuals
+from trundle.calibrate.likelihood import Fit, Observed, belief_of, fit, information_of, tracked_points
+from trundle.calibrate.parameter import SENSOR, Candidates, Parameter, candidates_of, robot_with
+from trundle.calibrate.predicted_path import predict, readings_of
+from trundle.calibrate.run import Run
+from trundle.calibrate.selection import Excitation, condition_of, open_directions, select, why_open
+from trundle.errors import Inconsistent, InputError, TooFewData, Unobservable
+from trundle.evaluate import align
+from trundle.geometry import se2
+from trundle.records import Trajectory
+from trundle.robot import Robot
+
+__all__ = ["calibrate"]
+
+Floats = npt.NDArray[np.float64]
+Words = Callable[[str], None]
+
+MOST_FIXES = 6_000
+"""Samples of all references together that are used; of more, every second, third, ..."""
+_FEWEST_A_RUN = 100
+_FAR = 0.2
+"""A number that changed by more than this part of itself is hardly a better number (FAULTS.md B7)."""
+_WEAK = 0.005
+"""A radius known no better than this deserves a longer drive (FAULTS.md B2)."""
+_SURE = 1.5
+_HALF = 0.5
+
+
+def calibrate(
+    robot: Robot,
+    runs: Sequence[Run],
+    *,
+    parameters: Sequence[str] | None = None,
+    mounting: bool | None = None,
+    clock: bool = True,
+    prior: bool = False,
+    progress: Words = lambda _: None,
+) -> Calibration:
+    """Find the numbers of a robot that explain its runs best.
+
+    Maximum likelihood over all runs together. Unknown beside the numbers: where each run began, how its
+    wheels' noise went, how large both noises are, which samples of the reference are wrong, where the
+    reference is mounted and how late its clock is.
+
+    Args:
+        robot: As described; where the search begins.
+        runs: Drives, each with what is known of where the robot really went.
+        parameters: What to find, by name; None means all that the runs can tell.
+        mounting: Whether to find where the reference is mounted; None means where the runs can tell.
+        clock: Whether to find the reference's delay, where the runs can tell.
+        prior: Whether the description itself counts, as far as its `noise` section says.
+        progress: Told what is done next.
+
+    Raises:
+        Unobservable: If the runs cannot tell the numbers that a drive needs, or those that were asked for.
+        TooFewData: If there is less data than unknowns.
+        Inconsistent: If most of the reference contradicts the wheels, or is mirrored.
+        NotConverged: If the search does not come to rest.
+        InputError: If a run lacks a wheel or a reference, or there is no parameter of a name.
+
+    Source:
+        Antonelli et al. 2005 and Censi et al. 2013 calibrate by linear least squares over whole runs, which
+        the first iterations here amount to; the likelihood as in Kuemmerle et al. 2012.
+    """
+    if not runs:
+        raise TooFewData("no run is given; needs one or more")
+    progress("reading the runs")
+    most = max(_FEWEST_A_RUN, MOST_FIXES // len(runs))
+    observed = [Observed(r.name, readings_of(robot, r.log), fixes_of(robot, r, most)) for r in runs]
+    driven = _check(robot, observed)
+    candidates = _candidates(robot, observed, mounting=mounting, clock=clock)
+    asked = candidates.needed if parameters is None else candidates.named(parameters)
+    if mounting:
+        asked = (*asked, *(one for one in candidates.all if one.name.startswith("reference.")))
+    asked = tuple(dict.fromkeys(asked))
+    _require_data(observed, asked)
+
+    progress("looking at what the runs can tell")
+    about = fit(robot, observed, (), prior=prior)
+    chosen, refused = _choose(robot, observed, candidates, asked, about, prior, grow=parameters is None)
+    _require_observable(robot, observed, chosen, about, driven, prior)
+    found = fit(robot, observed, chosen, prior=prior, progress=progress)
+    _require_agreement(observed, found)
+    return _result(robot, observed, chosen, found, [why_open(names, driven) for names in refused], refused)
+
+
+# --- before ------------------------------------------------------------------------------------
+
+
+def _check(robot: Robot, observed: Sequence[Observed]) -> Excitation:
+    distance = left = right = 0.0
+    for run in observed:
+        moments = run.readings.moments
+        path = predict(robot, run.readings, (), np.zeros(0), moments)
+        turns = np.diff(path.poses[:, 2])
+        distance += float(path.distance[-1])
+        left += float(turns[turns > 0].sum())
+        right -= float(turns[turns < 0].sum())
+        at_fixes = predict(robot, run.readings, (), np.zeros(0), run.fixes.moments)
+        if mirrored(at_fixes.poses, run.fixes):
+            raise Inconsistent(
+                f"{run.name}: the reference is the mirror image of the path: one of its axes points the "
+                "other way (handedness); swap x and y, or the sign of one, or the wheels left and right"
+            )
+    if distance + left + right == 0.0:
+        raise TooFewData("the wheels stand still in all runs: nothing can be learnt from them")
+    return Excitation(distance, left, right)
+
+
+def _candidates(
+    robot: Robot, observed: Sequence[Observed], *, mounting: bool | None, clock: bool
+) -> Candidates:
+    names = observed[0].readings.steering_names
+    if any(run.readings.steering_names != names for run in observed):
+        raise InputError("the runs do not measure the same steering angles")
+    seen = [run.fixes for run in observed if run.fixes.mounted]
+    return candidates_of(
+        robot,
+        names,
+        mounted=mounting is not False and any(one.positions for one in seen),
+        headings=any(one.headings for one in seen),
+        clock=clock and bool(seen),
+    )
+
+
+def _require_data(observed: Sequence[Observed], asked: Sequence[Parameter]) -> None:
+    known = sum(int(np.isfinite(run.fixes.poses).sum()) for run in observed)
+    starts = sum(int(np.isfinite(run.fixes.poses).any(axis=0).sum()) for run in observed)
+    if known - starts < len(asked):
+        raise TooFewData(
+            f"{known} numbers are known of where the robot went, {starts} of which only say where it began; "
+            f"{len(asked)} are looked for: {', '.join(one.name for one in asked)}"
+        )
+
+
+def _choose(
+    robot: Robot,
+    observed: Sequence[Observed],
+    candidates: Candidates,
+    asked: tuple[Parameter, ...],
+    about: Fit,
+    prior: bool,
+    *,
+    grow: bool,
+) -> tuple[tuple[Parameter, ...], list[tuple[str, ...]]]:
+    """The numbers to find; of those that were not asked for by name, as many as can be told."""
+    groups = candidates.more
+    if not grow:
+        groups = tuple(group for group in groups if group[0].name.startswith(("reference.", "clock")))
+    return select(asked, groups, lambda trial: _information(robot, observed, trial, about, prior))
+
+
+def _information(
+    robot: Robot, observed: Sequence[Observed], parameters: Sequence[Parameter], about: Fit, prior: bool
+) -> Floats:
+    nominal = np.array([one.nominal for one in parameters], dtype=float)
+    information = information_of(robot, observed, parameters, about, nominal)
+    return information + belief_of(parameters) if prior else information
+
+
+def _require_observable(
+    robot: Robot,
+    observed: Sequence[Observed],
+    chosen: Sequence[Parameter],
+    about: Fit,
+    driven: Excitation,
+    prior: bool,
+) -> None:
+    information = _information(robot, observed, chosen, about, prior)
+    directions = open_directions(chosen, information)
+    if directions:
+        words, cure = zip(*(why_open(names, driven) for names in directions), strict=True)
+        raise Unobservable(
+            f"{'; '.join(dict.fromkeys(words))}. What helps: {'; '.join(dict.fromkeys(cure))}. "
+            f"(condition {condition_of(chosen, information):.1e}; or say how far the description can be off, "
+            "noise: wheel_radius and track_width, and use it as a prior)"
+        )
+
+
+# --- after -------------------------------------------------------------------------------------
+
+
+def _require_agreement(observed: Sequence[Observed], found: Fit) -> None:
+    total = sum(len(run.fixes) for run in observed)
+    inliers = _inliers(found)
+    if inliers < _HALF * total:
+        raise Inconsistent(
+            f"{total - inliers} of {total} samples of the reference contradict the wheels, more than half: "
+            "is it this robot's, in metres and radians, and do the clocks agree?"
+        )
+
+
+def _inliers(found: Fit) -> int:
+    return sum(int((weights > _HALF).sum()) for weights in found.weights)
+
+
+def _result(
+    robot: Robot,
+    observed: Sequence[Observed],
+    chosen: Sequence[Parameter],
+    found: Fit,
+    reasons: Sequence[tuple[str, str]],
+    refused: Sequence[tuple[str, ...]],
+) -> Calibration:
+    covariance: Any = np.linalg.inv(found.information) if len(chosen) else np.zeros((0, 0))
+    sigmas = np.sqrt(np.diag(covariance))
+    estimates = tuple(
+        Estimate(one.name, one.unit, one.nominal, float(value), float(sigma), _doubt(one, float(value)))
+        for one, value, sigma in zip(chosen, found.values, sigmas, strict=True)
+    )
+    return Calibration(
+        robot=robot_with(robot, chosen, found.values.tolist()),
+        estimates=estimates,
+        covariance=covariance,
+        chi2_per_dof=found.promised,
+        condition=condition_of(chosen, found.information),
+        samples=sum(len(run.fixes) for run in observed),
+        inliers=_inliers(found),
+        unobserved=tuple(
+            Unobserved(names, words, cure)
+            for names, (words, cure) in zip(refused, reasons, strict=True)
+            if not {one.name for one in chosen} >= set(names)
+        ),
+        fits=tuple(_run_fit(robot, run, chosen, found, number) for number, run in enumerate(observed)),
+        warnings=tuple(_warnings(observed, chosen, found, sigmas)),
+        iterations=found.iterations,
+    )
+
+
+def _doubt(one: Parameter, value: float) -> str:
+    if one.part == SENSOR or one.name.startswith("icr_"):
+        return ""
+    change = value / one.nominal - 1.0
+    if abs(change) <= _FAR:
+        return ""
+    return (
+        f"{one.name} came out as {value:.4g} {one.unit}, {100 * change:+.0f} % from its description: is the "
+        "rest right (ticks, units, which wheel is which)?"
+    )
+
+
+def _warnings(
+    observed: Sequence[Observed], chosen: Sequence[Parameter], found: Fit, sigmas: Floats
+) -> Iterator[str]:
+    for run, together in zip(observed, found.joined, strict=True):
+        for k in np.flatnonzero(~together):
+            yield (
+                f"{run.name}: the reference jumps at {run.fixes.moments[k + 1]:.1f} s; what comes after is "
+                "used as a run of its own"
+            )
+    if found.promised > _SURE:
+        yield (
+            f"the runs scatter {math.sqrt(found.promised):.1f} times as much as the noise section "
+            f"says (chi-square {found.promised:.1f} per degree of freedom); the standard deviations follow "
+            "the runs"
+        )
+    weak = [
+        (one.name, sigma / one.size)
+        for one, sigma in zip(chosen, sigmas, strict=True)
+        if one.name.startswith("wheel_radius") and sigma > _WEAK * one.size
+    ]
+    if weak:
+        names, worst = ", ".join(name for name, _ in weak), max(share for _, share in weak)
+        yield f"{names}: known to {100 * worst:.1f} % only; drive 10 m straight on as well"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Laid:
+    """A path, laid onto its fixes."""
+
+    poses: Floats
+    off: Floats
+
+
+def _run_fit(robot: Robot, run: Observed, chosen: Sequence[Parameter], found: Fit, number: int) -> RunFit:
+    fixes = run.fixes
+    nominal = np.array([one.nominal for one in chosen], dtype=float)
+    names = [one.name for one in chosen]
+    delay = float(found.values[names.index("clock")]) if "clock" in names and fixes.mounted else 0.0
+    believed = found.weights[number] > _HALF
+    before = _laid(robot, run, chosen, nominal, 0.0, believed)
+    after = _laid(robot, run, chosen, found.values, delay, believed)
+    stamps = (1e9 * fixes.moments).round().astype(np.int64)
+    seen = fixes.positions and len(fixes) > 2
+    sigma = fixes.sigma or (found.levels.position, found.levels.heading)
+    measured = np.isfinite(fixes.poses)
+    return RunFit(
+        name=run.name,
+        before=Trajectory(time_ns=stamps, poses=before.poses),
+        after=Trajectory(time_ns=stamps, poses=after.poses),
+        reference=Trajectory(time_ns=stamps, poses=fixes.poses) if seen else None,
+        residuals=np.where(measured, after.off / np.array([sigma[0], sigma[0], sigma[1]]), np.nan),
+    )
+
+
+def _laid(
+    robot: Robot,
+    run: Observed,
+    chosen: Sequence[Parameter],
+    values: Floats,
+    delay: float,
+    believed: npt.NDArray[np.bool_],
+) -> _Laid:
+    """The path of the tracked point in the reference's frame, as near to it as it can be laid."""
+    path = predict(robot, run.readings, chosen, values, run.fixes.moments - delay)
+    tracked = tracked_points(path, run.fixes, chosen, values)
+    fixes = run.fixes
+    good = believed & np.isfinite(fixes.poses[:, 0])
+    if good.sum() > 2 and np.ptp(tracked[good, :2], axis=0).max() > 0.0:
+        stamps = np.arange(int(good.sum()), dtype=np.int64)
+        own = Trajectory(time_ns=stamps, poses=tracked[good])
+        seen = Trajectory(time_ns=stamps, poses=fixes.poses[good])
+        laid = align(own, seen)
+        frame = np.array([laid.x, laid.y, laid.theta])
+    else:
+        frame = se2.compose(np.nan_to_num(fixes.poses[0]), se2.inverse(tracked[0]))
+    return _Laid(
+        se2.compose(np.broadcast_to(frame, tracked.shape), tracked), residuals(frame, tracked, fixes)
+    )
