@@ -264,10 +264,14 @@ def test_one_of_several_bodies_is_chosen_by_name(folder):
     rows = [[*seen(k, 0.1, k, 1), *seen(k, 0.2, k, 2)[2:]] for k in range(5)]
     path = written(folder, take(["Robot", "Lift, front"], rows))
     assert read_motive(path, "Lift, front").poses[:, 1].tolist() == [2.0] * 5
-    with pytest.raises(LogSchema, match=r"its rigid bodies are Robot, Lift, front; log\.reference\.topic"):
+    with pytest.raises(LogSchema, match=r"its rigid bodies are Robot, Lift, front; choose one: --body"):
         read_trajectory(path)
     with pytest.raises(LogSchema, match="did you mean 'Robot'"):
         read_motive(path, "Robto")
+    assert main(["convert", str(path), str(folder / "lift.tum"), "--body", "Lift, front"]) == 0
+    assert read_trajectory(folder / "lift.tum").poses[:, 1].tolist() == [2.0] * 5
+    assert main(["convert", str(path), str(folder / "none.tum")]) == 3
+    assert not (folder / "none.tum").exists()
 
 
 def test_a_take_beside_a_log_is_its_reference(folder):

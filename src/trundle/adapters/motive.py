@@ -113,7 +113,7 @@ def _header(path: Path, lines: Iterator[Cells], body: str | None) -> _Take:
         body = next(iter(bodies))
     if body not in bodies:
         which = (
-            "log.reference.topic chooses one"
+            "choose one: --body, or log.reference.topic"
             if body is None
             else f"no {body!r}, {did_you_mean(body, bodies)}"
         )

@@ -40,7 +40,7 @@ def write_trajectory(trajectory: Trajectory, path: str | os.PathLike[str], *, fo
         _WRITERS[suffix](trajectory, temporary)
 
 
-def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
+def read_trajectory(path: str | os.PathLike[str], *, body: str | None = None) -> Trajectory:
     """Read what `write_trajectory` writes: the same stamps and the same numbers.
 
     Files of poses and `.mcap` have headings in (-pi, pi], and `.kitti` no times: row k is stamped k seconds.
@@ -49,6 +49,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
 
     Args:
         path: Its suffix says the format.
+        body: Of a take with several rigid bodies, the one that is meant.
 
     Raises:
         LogError: If the file cannot be read, or the suffix is not known (`format`).
@@ -60,6 +61,10 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
     if suffix not in _READERS:
         known = ", ".join(TRAJECTORY_SUFFIXES)
         raise LogError(path, "format", f"no trajectory format has the suffix {suffix!r}; known: {known}")
+    if body is not None:
+        from trundle.adapters.motive import read_motive
+
+        return read_motive(path, body)
     return _READERS[suffix](path)
 
 

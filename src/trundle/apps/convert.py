@@ -23,6 +23,7 @@ def convert(
     /,
     *,
     robot: Path | None = None,
+    body: str | None = None,
     salvage: Annotated[bool, Parameter(alias="--allow-partial", negative="")] = False,
     sort: Annotated[bool, Parameter(negative="")] = False,
     force: Annotated[bool, Parameter(negative="")] = False,
@@ -33,6 +34,7 @@ def convert(
         source: A trajectory, told by its suffix; or a log of any format.
         output: Its suffix says the format.
         robot: The description of the robot whose log it is; its log: section says what is in it.
+        body: Of a take of OptiTrack's Motive with several rigid bodies, the one that is meant.
         salvage: Of a damaged recording, read what can be read (exit code 4).
         sort: Put rows of a log in the order of time, however late they come; without it, up to one second.
         force: Replace a file that exists.
@@ -44,7 +46,7 @@ def convert(
         check_output(output, suffixes=(".csv",), inputs=inputs, force=force)
         return _convert_log(source, robot, output, salvage=salvage, sort=sort, force=force)
     check_output(output, suffixes=TRAJECTORY_SUFFIXES, inputs=inputs, force=force)
-    trajectory = read_trajectory(source)
+    trajectory = read_trajectory(source, body=body)
     write_trajectory(trajectory, output, force=force)
     facts = [
         ("poses", f"{len(trajectory)}, {seconds(trajectory.duration)}"),
