@@ -405,6 +405,15 @@ def test_info_recognises_columns(folder, capsys):
     assert found["steering"] == {"front": {"column": "steering_deg", "unit": "deg"}}
 
 
+def test_info_recognises_columns_of_a_lower_rate(folder, capsys):
+    sparse = [value if k % 10 == 0 else None for k, value in enumerate(STEERING.tolist())]
+    log = table(folder, **SECONDS, **lists(rear_rad=ANGLES[:, 0]), steering_rad=sparse)
+    robot(folder, "", "bicycle")
+    section = said_by_info(capsys, log, "--robot", folder / "bicycle.yaml")
+    assert section["steering"] == {"front": {"column": "steering_rad", "unit": "rad", "hold": True}}
+    assert section["wheels"] == {"rear": {"column": "rear_rad", "unit": "rad", "kind": "position"}}
+
+
 @pytest.mark.parametrize(
     ("kind", "field", "unit"),
     [

@@ -172,7 +172,9 @@ def _propose_steering(proposal: Proposal, angles: Sequence[Column], steered: Seq
     for wheel, name in matched(steered, list(named)).items():
         unit = "deg" if "deg" in named[name].words else "rad"
         proposal.put(
-            ("steering", wheel), {"column": named[name].name, "unit": unit}, f"steering of {wheel} [{unit}]"
+            ("steering", wheel),
+            {"column": named[name].name, "unit": unit, **_held(named[name])},
+            f"steering of {wheel} [{unit}]",
         )
 
 
@@ -264,9 +266,15 @@ def _propose_wheels(proposal: Proposal, columns: Sequence[Column], wheels: Seque
         for wheel, name in found.items():
             unit, _ = readings[chosen[name].name]
             said = {} if kind == "velocity" else {"kind": kind}
-            mapping = {"column": chosen[name].name, "unit": unit, **said}
+            mapping = {"column": chosen[name].name, "unit": unit, **said, **_held(chosen[name])}
             proposal.put(("wheels", wheel), mapping, f"{wheel}: {unit}, {kind}")
         return
+
+
+def _held(column: Column) -> dict[str, Any]:
+    """`hold` for a column with so few numbers that it must be written at a lower rate."""
+    assert column.values is not None
+    return {"hold": True} if column.unreadable > len(column.values) // 4 else {}
 
 
 def _unnamed_wheels(columns: Sequence[Column], count: int) -> list[Column]:
