@@ -139,14 +139,13 @@ class ErrorModel:
     ) -> list[Number]:
         """Distances of the steered contacts and of the body, and the time for the gyro."""
         weights: list[Number] = []
+        dx, dy, angle = step
         if self._sideways:
-            for x, y in self._contacts:
-                ux = sum(a * b for a, b in zip(x, step, strict=True))
-                uy = sum(a * b for a, b in zip(y, step, strict=True))
+            for (xx, xy, xt), (yx, yy, yt) in self._contacts:
+                ux, uy = xx * dx + xy * dy + xt * angle, yx * dx + yy * dy + yt * angle
                 weights.append(trig.sqrt(ux * ux + uy * uy))
         body = count - len(weights) - (1 if gyro else 0)
         if body:
-            dx, dy, angle = step
             weights += [trig.sqrt(dx * dx + dy * dy) + self._lever * abs(angle)] * body
         if gyro:
             weights.append(seconds)

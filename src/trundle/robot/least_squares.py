@@ -42,37 +42,55 @@ def minimise(columns: Columns, values: Sequence[Number]) -> Solution:
     Source:
         Bjorck 1967, "Solving linear least squares problems by Gram-Schmidt orthogonalization".
     """
-    work = [list(column) for column in columns]
-    rest = list(values)
-    count = len(work)
-    ratios: list[list[Number]] = []
-    squares: list[Number] = []
-    unknowns: list[Number] = []
-    for j, q in enumerate(work):
-        square = sum([a * a for a in q])
-        squares.append(square)
-        row: list[Number] = []
-        for later in range(j + 1, count):
-            target = work[later]
-            ratio = sum([a * b for a, b in zip(q, target, strict=True)]) / square
-            work[later] = [b - ratio * a for a, b in zip(q, target, strict=True)]
-            row.append(ratio)
-        ratios.append(row)
-        share = sum([a * b for a, b in zip(q, rest, strict=True)]) / square
-        rest = [b - share * a for a, b in zip(q, rest, strict=True)]
-        unknowns.append(share)
-    for j in range(count - 2, -1, -1):
-        for later, ratio in enumerate(ratios[j], start=j + 1):
-            unknowns[j] = unknowns[j] - ratio * unknowns[later]
-    return Solution(unknowns, rest, squares)
+    return _against(_orthogonal(columns), values)
 
 
 def pseudo_inverse(columns: Columns) -> list[list[Number]]:
     """The matrix that takes values to the unknowns of `minimise`, as rows, one per unknown."""
     height = len(columns[0])
+    orthogonal = _orthogonal(columns)
     units = [[1.0 if i == k else 0.0 for i in range(height)] for k in range(height)]
-    solutions = [minimise(columns, unit).unknowns for unit in units]
+    solutions = [_against(orthogonal, unit).unknowns for unit in units]
     return [list(row) for row in zip(*solutions, strict=True)]
+
+
+class _Orthogonal(NamedTuple):
+    """Columns made orthogonal, their squares, and per column its share in each of the later ones."""
+
+    columns: list[list[Number]]
+    squares: list[Number]
+    ratios: list[list[Number]]
+
+
+def _orthogonal(columns: Columns) -> _Orthogonal:
+    work = [list(column) for column in columns]
+    squares: list[Number] = []
+    ratios: list[list[Number]] = []
+    for j, q in enumerate(work):
+        square = sum([a * a for a in q])
+        row: list[Number] = []
+        for later in range(j + 1, len(work)):
+            target = work[later]
+            ratio = sum([a * b for a, b in zip(q, target, strict=True)]) / square
+            work[later] = [b - ratio * a for a, b in zip(q, target, strict=True)]
+            row.append(ratio)
+        squares.append(square)
+        ratios.append(row)
+    return _Orthogonal(work, squares, ratios)
+
+
+def _against(orthogonal: _Orthogonal, values: Sequence[Number]) -> Solution:
+    columns, squares, ratios = orthogonal
+    rest = list(values)
+    unknowns: list[Number] = []
+    for q, square in zip(columns, squares, strict=True):
+        share = sum([a * b for a, b in zip(q, rest, strict=True)]) / square
+        rest = [b - share * a for a, b in zip(q, rest, strict=True)]
+        unknowns.append(share)
+    for j in range(len(columns) - 2, -1, -1):
+        for later, ratio in enumerate(ratios[j], start=j + 1):
+            unknowns[j] = unknowns[j] - ratio * unknowns[later]
+    return Solution(unknowns, rest, squares)
 
 
 def null_space(rows: Sequence[Sequence[Number]], scale: Sequence[float]) -> list[list[Number]]:

@@ -111,6 +111,8 @@ class Solver:
         self._leaning_columns = [
             [(_dot(x, column), _dot(y, column)) for (x, y), _, _ in self.leaning] for column in self.null
         ]
+        # pinv(C^T) is the transpose of C^+: its rows are the columns of C^+.
+        self._denied = pseudo_inverse(self.constraints) if self.constraints else []
         self.matrix = None if self.leaning else self._expand(pseudo_inverse(self._fixed_columns))
         """K for the values of `values`, or None where it depends on the steering."""
 
@@ -227,9 +229,8 @@ class Solver:
         if not self.constraints:
             return []
         rows = [*self._fixed, *self._leaning_rows(steering, trig)]
-        # pinv(C^T) is the transpose of C^+, so its rows are the columns wanted.
         gains: list[Vector] = []
-        for column in pseudo_inverse(self.constraints):
+        for column in self._denied:
             seen = [_dot(row, column) for row in rows]
             gains.append([a - _dot(gain, seen) for a, gain in zip(column, matrix, strict=True)])
         return gains
