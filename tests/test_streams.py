@@ -210,10 +210,13 @@ class Record:
         assert (least >= -1e-12 * np.trace(full, axis1=1, axis2=2)).all()
 
 
-def without_a_trace(name: str, count: int, seed: int = 1) -> None:
-    """One sample in ten is a fault that stands between good ones."""
+def without_a_trace(name: str, count: int, *, covariance: bool = True, seed: int = 1) -> WheelOdometry:
+    """One sample in ten is a fault that stands between good ones.
+
+    `covariance`: whether the odometry that it is held against, which meets no faults, carries one too.
+    """
     rng, robot, record = np.random.default_rng(seed), robot_of(name), Record()
-    clean, hostile = WheelOdometry(robot), WheelOdometry(robot)
+    clean, hostile = WheelOdometry(robot, covariance=covariance), WheelOdometry(robot)
     faults, samples = recoverable(name), motion(name, rng)
     before = next(samples)
     for odometry in (clean, hostile):
@@ -240,21 +243,17 @@ def without_a_trace(name: str, count: int, seed: int = 1) -> None:
         assert math.hypot(state.pose.x - wanted.pose.x, state.pose.y - wanted.pose.y) < 1e-9
         before = after
     record.check()
-    np.testing.assert_allclose(hostile.state.upper, clean.state.upper, rtol=1e-9, atol=1e-12)
+    if covariance:
+        np.testing.assert_allclose(hostile.state.upper, clean.state.upper, rtol=1e-9, atol=1e-12)
     assert hostile.offered == hostile.accepted + sum(hostile.rejected.values()) == offered
     assert sum(hostile.rejected.values()) == refused > 0.05 * offered
     assert hostile.rejected.keys() == {reason for _, reason in faults}
+    return hostile
 
 
 @every_drive
 def test_faults_between_good_samples_leave_no_trace(name: str) -> None:
     without_a_trace(name, 6_000)
-
-
-@pytest.mark.verify
-@every_drive
-def test_faults_between_good_samples_leave_no_trace_in_ten_million(name: str) -> None:
-    without_a_trace(name, 10_000_000)
 
 
 @every_drive
@@ -363,9 +362,10 @@ def test_everything_at_once(name: str) -> None:
 
 @pytest.mark.verify
 @every_drive
-def test_everything_at_once_in_ten_million(name: str) -> None:
-    odometry = everything(name, 10_000_000)
-    print(f"{name}: accepted {odometry.accepted}, rejected {odometry.rejected}, events {odometry.events}")
+def test_ten_million(name: str) -> None:
+    """Half of them with faults between the good samples, half with everything at once."""
+    for odometry in (without_a_trace(name, 5_000_000, covariance=False), everything(name, 5_000_000)):
+        print(f"{name}: accepted {odometry.accepted}, rejected {odometry.rejected}, events {odometry.events}")
 
 
 @every_drive
