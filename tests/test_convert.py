@@ -42,6 +42,55 @@ def test_a_log_becomes_our_own_csv(tmp_path: Path, capsys) -> None:
     assert "wheels" in capsys.readouterr().out
 
 
+ROVER = tr.Robot(drive=tr.Differential(track_width=0.2, wheel_radius=0.05))
+STAMPS = np.arange(0, 2_000_000_000, 20_000_000)
+ROLLED = np.stack([np.sin(STAMPS * 1e-9), np.cos(STAMPS * 1e-9)], axis=-1)
+
+
+def again(log: tr.WheelLog, folder: Path) -> tr.WheelLog:
+    """The log, written and read by a robot that says nothing about its logs."""
+    tr.write_log(log, folder / "again.csv")
+    return tr.read_log(folder / "again.csv", ROVER)
+
+
+@pytest.mark.parametrize("reading", [tr.Reading.POSITION, tr.Reading.INCREMENT, tr.Reading.VELOCITY])
+def test_every_reading_comes_back(tmp_path: Path, reading: tr.Reading) -> None:
+    log = tr.WheelLog(time_ns=STAMPS, wheel_names=("left", "right"), wheels=ROLLED, reading=reading)
+    got = again(log, tmp_path)
+    assert got.reading is reading
+    np.testing.assert_array_equal(got.wheels, log.wheels)
+
+
+def test_body_twists_come_back(tmp_path: Path) -> None:
+    twists = np.stack([*ROLLED.T, ROLLED[:, 0]], axis=-1)
+    got = again(tr.WheelLog(time_ns=STAMPS, twists=twists), tmp_path)
+    assert got.wheels is None
+    np.testing.assert_array_equal(got.twists, twists)
+
+
+def test_a_reference_with_stamps_of_its_own_is_put_at_the_rows(tmp_path: Path) -> None:
+    """On a line it is exact; before its first and after its last sample there is none."""
+    own = np.arange(500_000_000, 1_600_000_000, 33_000_000)
+    poses = np.stack([own * 1e-9, -2e-9 * own, 3.0 + own * 1e-9], axis=-1)
+    log = tr.WheelLog(
+        time_ns=STAMPS,
+        wheel_names=("left", "right"),
+        wheels=ROLLED,
+        reference=tr.Trajectory(time_ns=own, poses=poses),
+    )
+    got = again(log, tmp_path).reference
+    there = STAMPS[(own[0] <= STAMPS) & (own[-1] >= STAMPS)]
+    np.testing.assert_array_equal(got.time_ns, there)
+    wanted = np.stack([there * 1e-9, -2e-9 * there, 3.0 + there * 1e-9], axis=-1)
+    np.testing.assert_allclose(got.poses, wanted, atol=1e-12)
+
+
+def test_a_log_that_is_taken_for_a_trajectory_is_told_the_way(tmp_path: Path, capsys) -> None:
+    source = EXAMPLES / "differential" / "run.csv"
+    assert main(["convert", str(source), str(tmp_path / "out.tum")]) == 3
+    assert "a wheel log is converted with --robot robot.yaml" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("name", "code", "words"),
     [

@@ -15,7 +15,7 @@ from trundle.errors import ConfigError, Infeasible, InputError, OutputError, Sha
 from trundle.geometry import Pose2D, Twist2D, se2
 from trundle.odometry import WheelOdometry
 from trundle.odometry.integrate import integrate
-from trundle.records import Reading, Trajectory, WheelLog
+from trundle.records import Reading
 from trundle.robot import (
     Ackermann,
     Bicycle,
@@ -548,15 +548,8 @@ def test_written_log_reads_back_the_same(tmp_path):
 def test_what_the_columns_cannot_say_is_not_written(tmp_path):
     log = simulate(ROVER, Course.of(stop(1.0)))
     target = tmp_path / "run.csv"
-    elsewhen = Trajectory(time_ns=log.time_ns + 1, poses=log.reference.poses)
-    for unfit in (
-        replace(log, reading=Reading.INCREMENT),
-        replace(log, reference=elsewhen),
-        replace(log, wheel_names=("left,", "right")),
-        WheelLog(time_ns=log.time_ns, twists=log.reference.twists),
-    ):
-        with pytest.raises(InputError):
-            write_log(unfit, target)
+    with pytest.raises(InputError):
+        write_log(replace(log, wheel_names=("left,", "right")), target)
     assert not target.exists()
     write_log(log, target)
     with pytest.raises(OutputError, match="exists"):

@@ -15,16 +15,18 @@ from trundle.robot.log_mapping import (
     ReferenceMapping,
     ScalarMapping,
     TimeMapping,
+    TwistMapping,
     Unit,
     WheelMapping,
 )
 
-__all__ = ["default_time", "with_default_columns"]
+__all__ = ["REFERENCE", "TWIST", "default_time", "with_default_columns"]
 
 Names = tuple[ColumnName, ...]
 
 _WHEEL = {
     "position": (Unit.RAD, Kind.POSITION),
+    "position_delta": (Unit.RAD, Kind.INCREMENT),
     "ticks": (Unit.TICKS, Kind.POSITION),
     "ticks_delta": (Unit.TICKS, Kind.INCREMENT),
     "revolutions": (Unit.REV, Kind.POSITION),
@@ -33,7 +35,8 @@ _WHEEL = {
 }
 _PROPOSAL = "trundle info proposes a log: section"
 _GYRO = "gyro.yaw_rate"
-_REFERENCE = ("reference.x", "reference.y", "reference.theta")
+TWIST = ("twist.vx", "twist.vy", "twist.omega")
+REFERENCE = ("reference.x", "reference.y", "reference.theta")
 
 
 def with_default_columns(
@@ -53,9 +56,8 @@ def with_default_columns(
             several ways.
     """
     drive = robot.measuring
-    wheels = mapping.wheels or _wheels(
-        drive.measured_names, path, names, hint, optional=mapping.twist is not None
-    )
+    twist = mapping.twist or (TwistMapping(columns=TWIST) if set(TWIST) <= set(names) else None)
+    wheels = mapping.wheels or _wheels(drive.measured_names, path, names, hint, optional=twist is not None)
     steering = mapping.steering or (_steering(drive.steered_names, path, names, hint) if wheels else {})
     gyro = mapping.gyro or (ScalarMapping(column=_GYRO) if _GYRO in names else None)
     return msgspec.structs.replace(
@@ -64,6 +66,7 @@ def with_default_columns(
         wheels=wheels,
         steering=steering,
         gyro=gyro,
+        twist=twist,
         reference=mapping.reference or _reference(names),
     )
 
@@ -98,5 +101,5 @@ def _steering(wheels: tuple[str, ...], path: Path, names: Names, hint: str) -> d
 
 
 def _reference(names: Names) -> ReferenceMapping | None:
-    there = tuple(column for column in _REFERENCE if column in names)
-    return ReferenceMapping(columns=there) if there[:2] == _REFERENCE[:2] else None
+    there = tuple(column for column in REFERENCE if column in names)
+    return ReferenceMapping(columns=there) if there[:2] == REFERENCE[:2] else None

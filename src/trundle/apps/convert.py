@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -13,6 +13,9 @@ from trundle.adapters.trajectory_format import holdings
 from trundle.apps.exit_code import ExitCode
 from trundle.apps.output_file import check_output
 from trundle.apps.wording import counted, labelled, plural, seconds
+
+if TYPE_CHECKING:
+    from trundle.records import Trajectory, WheelLog
 
 __all__ = ["convert"]
 
@@ -39,14 +42,14 @@ def convert(
         sort: Put rows of a log in the order of time, however late they come; without it, up to one second.
         force: Replace a file that exists.
     """
-    from trundle.adapters.trajectory import TRAJECTORY_SUFFIXES, read_trajectory, write_trajectory
+    from trundle.adapters.trajectory import TRAJECTORY_SUFFIXES, write_trajectory
 
     inputs = [path for path in (source, robot) if path is not None]
     if robot is not None:
         check_output(output, suffixes=(".csv",), inputs=inputs, force=force)
         return _convert_log(source, robot, output, salvage=salvage, sort=sort, force=force)
     check_output(output, suffixes=TRAJECTORY_SUFFIXES, inputs=inputs, force=force)
-    trajectory = read_trajectory(source, body=body)
+    trajectory = _trajectory_of(source, body)
     write_trajectory(trajectory, output, force=force)
     facts = [
         ("poses", f"{len(trajectory)}, {seconds(trajectory.duration)}"),
@@ -58,6 +61,22 @@ def convert(
     return ExitCode.FINE
 
 
+def _kind(log: WheelLog) -> str:
+    return "body twist" if log.wheels is None else log.reading.value
+
+
+def _trajectory_of(source: Path, body: str | None) -> Trajectory:
+    """What the file holds; what it lacks may be because it is a log."""
+    from trundle.adapters.trajectory import read_trajectory
+    from trundle.errors import LogSchema
+
+    try:
+        return read_trajectory(source, body=body)
+    except LogSchema as error:
+        way = "a wheel log is converted with --robot robot.yaml, and trundle track makes its trajectory"
+        raise LogSchema(error.source, error.reason, f"{error.problem}; {way}") from error
+
+
 def _convert_log(
     source: Path, robot: Path, output: Path, *, salvage: bool, sort: bool, force: bool
 ) -> ExitCode:
@@ -67,10 +86,12 @@ def _convert_log(
 
     log = read_log(source, load_robot(robot), salvage=salvage, sort=sort)
     write_log(log, output, force=force)
-    for warning in log.warnings:
+    moved = log.reference is not None and log.reference.time_ns.tolist() != log.time_ns.tolist()
+    there = ("the reference has stamps of its own; it was put at those of the rows",) if moved else ()
+    for warning in (*log.warnings, *there):
         print(f"trundle: warning: {warning}", file=sys.stderr)
     facts = [
-        ("rows", f"{plural(len(log), 'sample')}, {seconds(log.duration)}, {log.reading.value}"),
+        ("rows", f"{plural(len(log), 'sample')}, {seconds(log.duration)}, {_kind(log)}"),
         ("wheels", ", ".join(log.wheel_names)),
         ("rejected", counted(log.rejected)),
         ("log", str(output)),

@@ -52,6 +52,7 @@ _UNITS = {
 }  # fmt: skip
 _OWN = {
     "position": ("rad", "position"),
+    "position_delta": ("rad", "increment"),
     "ticks": ("ticks", "position"),
     "ticks_delta": ("ticks", "increment"),
     "revolutions": ("rev", "position"),
