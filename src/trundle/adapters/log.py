@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from trundle.adapters.content import Content, content_of
 from trundle.adapters.sensor_correction import corrected
-from trundle.adapters.stamp_order import in_order
+from trundle.adapters.stamp_order import in_order, pieces_in_order
 from trundle.adapters.steady_file import SteadyFile
 from trundle.errors import LogError, TrundleError
 from trundle.records import WheelLog
 from trundle.robot import Kinematics, LogMapping, Robot
 
-__all__ = ["read_log"]
+__all__ = ["read_log", "read_log_pieces"]
 
 Reader = Callable[[Path, Robot, LogMapping, bool], WheelLog]
 
@@ -61,10 +61,59 @@ def read_log(
     with np.errstate(over="ignore", invalid="ignore"):
         log = _read(content, file, described, mapping or described.log, salvage=salvage)
     log = in_order(corrected(log, mapping or described.log), sort=sort)
-    if described.measuring.gyro and log.wheels is not None and log.yaw_rate is None:
-        silent = "the robot measures with a gyro, but its log has none (log.gyro)"
-        log = dataclasses.replace(log, warnings=(*log.warnings, silent))
-    return log
+    return dataclasses.replace(log, warnings=(*log.warnings, *_silence(log, described)))
+
+
+def read_log_pieces(
+    path: str | os.PathLike[str], robot: Robot | Kinematics, *, salvage: bool = False
+) -> Iterator[WheelLog]:
+    """What `read_log` returns, in pieces: of a text table in memory that does not depend on its length.
+
+    Logs of other formats come as one piece. The first piece has the reference, and what is doubtful about
+    the log as far as its first rows show it; the last ones say what was left out or put in order.
+
+    Args:
+        path: As for `read_log`.
+        robot: As for `read_log`.
+        salvage: As for `read_log`.
+
+    Raises:
+        LogError: As `read_log`; when the piece comes that is at fault.
+        LogSchema: So too.
+        ConfigError: As `read_log`.
+        MissingExtra: As `read_log`.
+    """
+    path = Path(path)
+    if content_of(path) is Content.TEXT:
+        described = robot if isinstance(robot, Robot) else Robot(drive=robot)
+        yield from pieces_in_order(_text_pieces(SteadyFile(path), described, salvage=salvage))
+    else:
+        yield read_log(path, robot, salvage=salvage)
+
+
+def _text_pieces(file: SteadyFile, robot: Robot, *, salvage: bool) -> Iterator[WheelLog]:
+    from trundle.adapters.table_log import table_log_pieces
+
+    log: WheelLog | None = None
+    try:
+        for piece in table_log_pieces(file.path, robot, robot.log):
+            said: tuple[str, ...] = ()
+            if log is None:
+                said = _silence(piece, robot)
+            else:
+                yield log
+            log = dataclasses.replace(corrected(piece, robot.log), warnings=(*piece.warnings, *said))
+    except LogError:
+        file.require_same()
+        raise
+    if log is not None:
+        yield _while_same(file, log, salvage=salvage)
+
+
+def _silence(log: WheelLog, robot: Robot) -> tuple[str, ...]:
+    if robot.measuring.gyro and log.wheels is not None and log.yaw_rate is None:
+        return ("the robot measures with a gyro, but its log has none (log.gyro)",)
+    return ()
 
 
 def _read(
@@ -81,6 +130,11 @@ def _read(
     except LogError:
         file.require_same()
         raise
+    return _while_same(file, log, salvage=salvage)
+
+
+def _while_same(file: SteadyFile, log: WheelLog, *, salvage: bool) -> WheelLog:
+    """The log, if what it was read from is still the same; with `salvage` that it is not is a loss."""
     if not salvage:
         file.require_same()
     elif difference := file.difference:

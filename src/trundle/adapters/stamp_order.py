@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterable, Iterator
+from operator import itemgetter
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from trundle.errors import LogError
 from trundle.records import WheelLog
 
-__all__ = ["MOST_LATE_NS", "in_order"]
+__all__ = ["MOST_LATE_NS", "in_order", "pieces_in_order"]
 
 MOST_LATE_NS = (
     1_000_000_000  # messages overtake each other by less; more is a clock that was set, or another run
@@ -26,10 +30,38 @@ def in_order(log: WheelLog, *, sort: bool = False) -> WheelLog:
     Raises:
         LogError: `unsorted`, if a row is later than that.
     """
+    ordered, count, most = _ordered(log, sort=sort)
+    return dataclasses.replace(ordered, warnings=(*log.warnings, *_warning(count, most)))
+
+
+def pieces_in_order(pieces: Iterable[WheelLog]) -> Iterator[WheelLog]:
+    """What `in_order` makes of the pieces put together, in pieces: the last second waits for late rows.
+
+    Raises:
+        LogError: `unsorted`, as `in_order`; its row counts from the piece's beginning.
+    """
+    waiting: WheelLog | None = None
+    total, worst = 0, 0
+    for piece in pieces:
+        log, count, most = _ordered(piece if waiting is None else _joined(waiting, piece))
+        total, worst = total + count, max(worst, most)
+        settled = 0
+        if len(log):
+            border = max(int(log.time_ns[-1]) - MOST_LATE_NS, np.iinfo(np.int64).min)
+            settled = int(np.searchsorted(log.time_ns, np.int64(border), side="right"))
+        yield _with_rows(log, itemgetter(slice(settled)))
+        waiting = _with_rows(log, itemgetter(slice(settled, None)))
+        waiting = dataclasses.replace(waiting, rejected={}, warnings=(), losses=(), reference=None)
+    if waiting is not None:
+        yield dataclasses.replace(waiting, warnings=_warning(total, worst))
+
+
+def _ordered(log: WheelLog, *, sort: bool = False) -> tuple[WheelLog, int, int]:
+    """The log in order, how many rows were not, and how late the worst of them was [ns]."""
     latest = np.maximum.accumulate(log.time_ns)
     late = (latest - log.time_ns).view(np.uint64)  # as unsigned numbers these differences cannot overflow
     if not late.any():
-        return log
+        return log, 0, 0
     most = int(late.max())
     if most > MOST_LATE_NS and not sort:
         row = int((late > MOST_LATE_NS).argmax())
@@ -40,18 +72,34 @@ def in_order(log: WheelLog, *, sort: bool = False) -> WheelLog:
             " shuffled, wrong where the clock was set or one run follows another"
         )
         raise LogError(log.source, "unsorted", problem)
-    count = int((late > 0).sum())
-    rows = "1 row was" if count == 1 else f"{count} rows were"
-    warning = f"{rows} not in the order of time, the worst {_seconds(most)} s late; they were put in order"
     order = np.argsort(log.time_ns, kind="stable")
+    return _with_rows(log, lambda column: column[order]), int((late > 0).sum()), most
+
+
+def _warning(count: int, most: int) -> tuple[str, ...]:
+    if not count:
+        return ()
+    rows = "1 row was" if count == 1 else f"{count} rows were"
+    return (f"{rows} not in the order of time, the worst {_seconds(most)} s late; they were put in order",)
+
+
+def _joined(one: WheelLog, other: WheelLog) -> WheelLog:
+    """The rows of both, and what else the other says."""
+    former = iter([one.time_ns, one.wheels, one.steering, one.yaw_rate, one.twists])
+    return _with_rows(
+        other, lambda column: np.concatenate([next(f for f in former if f is not None), column])
+    )
+
+
+def _with_rows(log: WheelLog, change: Callable[[npt.NDArray[Any]], npt.NDArray[Any]]) -> WheelLog:
+    """The log with other rows, the same in every column."""
     return dataclasses.replace(
         log,
-        time_ns=log.time_ns[order],
-        wheels=None if log.wheels is None else log.wheels[order],
-        steering=None if log.steering is None else log.steering[order],
-        yaw_rate=None if log.yaw_rate is None else log.yaw_rate[order],
-        twists=None if log.twists is None else log.twists[order],
-        warnings=(*log.warnings, warning),
+        time_ns=change(log.time_ns),
+        wheels=None if log.wheels is None else change(log.wheels),
+        steering=None if log.steering is None else change(log.steering),
+        yaw_rate=None if log.yaw_rate is None else change(log.yaw_rate),
+        twists=None if log.twists is None else change(log.twists),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from trundle.records import Reading, Trajectory, WheelLog
 from trundle.robot import Robot
 from trundle.robot.log_mapping import Kind, LogMapping, ReferenceMapping, ScalarMapping, TimeMapping, Unit
 
-__all__ = ["read_table_log", "wheel_log_of"]
+__all__ = ["read_table_log", "table_log_pieces", "wheel_log_of"]
 
 Array = npt.NDArray[Any]
 
@@ -54,68 +54,120 @@ def read_table_log(path: Path, robot: Robot, mapping: LogMapping) -> WheelLog:
     return wheel_log_of(open_table(path, mapping.table), robot, mapping)
 
 
+def table_log_pieces(path: Path, robot: Robot, mapping: LogMapping) -> Iterator[WheelLog]:
+    """A table as a wheel log in pieces, in memory that does not depend on its length where it is text.
+
+    The first piece has the reference, and what is doubtful about the whole; the last one what was left out.
+    A reference is held as a whole.
+
+    Args:
+        path: As for `read_table_log`.
+        robot: As for `read_table_log`.
+        mapping: As for `read_table_log`.
+
+    Raises:
+        LogSchema: As for `read_table_log`; when the piece comes that is at fault.
+        LogError: As for `read_table_log`.
+        ConfigError: As for `read_table_log`.
+    """
+    table = open_table(path, mapping.table)
+    if not isinstance(table, TextTable):
+        yield wheel_log_of(table, robot, mapping)
+        return
+    plan = _Plan(table, robot, mapping)
+    reference, warnings = _reference(table, plan.mapping, plan.time)
+    for number, rows in enumerate(table.pieces(plan.wanted.columns)):
+        log = plan.log(rows, is_first=not number)
+        yield log if number else replace(log, reference=reference, warnings=(*log.warnings, *warnings))
+
+
 def wheel_log_of(table: Table, robot: Robot, mapping: LogMapping) -> WheelLog:
     """An open table as a wheel log; see `read_table_log`."""
-    path = table.path
-    dialect = table.dialect_hint if isinstance(table, TextTable) else ""
-    mapping = with_default_columns(mapping, robot, path, table.names, dialect)
-    time = mapping.time or default_time(table.names)
-    wheels = {name: mapping.wheels[name] for name in _names(robot, mapping)}
-    reading, conversions = wheel_conversions(robot, wheels) if wheels else (Reading.POSITION, {})
-
-    wanted = _WantedColumns(path)
-    wanted.add("time", Wanted(time.column, Stamp(time.unit)))
-    for name, wheel in wheels.items():
-        wanted.add_scalar(f"log.wheels.{name}", wheel, conversions[name])
-    for name, scalar in mapping.steering.items():
-        field = f"log.steering.{name}"
-        wanted.add_scalar(field, scalar, scalar_conversion(field, scalar, Unit.RAD))
-    if mapping.gyro is not None:
-        wanted.add_scalar("log.gyro", mapping.gyro, scalar_conversion("log.gyro", mapping.gyro, Unit.RAD_S))
-    twist = _twist_columns(path, mapping)
-    for column in twist:
-        wanted.add(f"log.twist.{column}", Wanted(column, Real()))
-
-    rows = table.read(wanted.columns)
-    take = wanted.taker(rows)
-    time_ns, seconds = _times(path, take("time"), time)
-    check_time(path, time_ns, time.unit)
-    for name, scalar in mapping.steering.items():
-        check_steering(path, robot, name, scalar, take(f"log.steering.{name}"))
-    columns = [
-        WheelColumn(name, wheel, reading, conversions[name], time_ns, take(f"log.wheels.{name}"))
-        for name, wheel in wheels.items()
-    ]
-    readings = _beside([column.values for column in columns])
-    doubtful = doubts(robot, columns)
-    if seconds is not None and readings is not None and reading is Reading.VELOCITY:
-        readings, reading = readings * seconds[:, None], Reading.INCREMENT
-    reference, warnings = _reference(table, mapping, time)
-    if reference is not None and time.kind is Kind.INCREMENT and rows.rejected:
+    plan = _Plan(table, robot, mapping)
+    rows = table.read(plan.wanted.columns)
+    log = plan.log(rows)
+    reference, warnings = _reference(table, plan.mapping, plan.time)
+    if reference is not None and plan.time.kind is Kind.INCREMENT and rows.rejected:
         reference, warnings = None, ("the log's reference is left out: rows without a time lie between",)
-    return WheelLog(
-        time_ns=time_ns,
-        wheel_names=tuple(wheels),
-        wheels=readings,
-        reading=reading,
-        steering_names=tuple(mapping.steering),
-        steering=_beside([take(f"log.steering.{name}") for name in mapping.steering]),
-        yaw_rate=None if mapping.gyro is None else take("log.gyro"),
-        twists=_beside([take(f"log.twist.{column}") for column in twist]),
-        reference=reference,
-        rejected=rows.rejected,
-        warnings=(*rows.warnings, *doubtful, *warnings),
-        source=str(path),
-    )
+    return replace(log, reference=reference, warnings=(*log.warnings, *warnings))
 
 
-def _times(path: Path, column: Array, mapping: TimeMapping) -> tuple[Array, Array | None]:
-    """Stamps [ns], and how long each row took [s] where that is what the log says."""
+class _Plan:
+    """What is wanted of a table, and what becomes of its rows.
+
+    Attributes:
+        mapping: With the default columns that the table has.
+        time: Where its time stands.
+        wanted: The columns.
+    """
+
+    def __init__(self, table: Table, robot: Robot, mapping: LogMapping) -> None:
+        path = table.path
+        dialect = table.dialect_hint if isinstance(table, TextTable) else ""
+        mapping = with_default_columns(mapping, robot, path, table.names, dialect)
+        self.path, self.robot, self.mapping = path, robot, mapping
+        self.time = mapping.time or default_time(table.names)
+        self.wheels = {name: mapping.wheels[name] for name in _names(robot, mapping)}
+        self.reading, self.conversions = (
+            wheel_conversions(robot, self.wheels) if self.wheels else (Reading.POSITION, {})
+        )
+        self.wanted = wanted = _WantedColumns(path)
+        wanted.add("time", Wanted(self.time.column, Stamp(self.time.unit)))
+        for name, wheel in self.wheels.items():
+            wanted.add_scalar(f"log.wheels.{name}", wheel, self.conversions[name])
+        for name, scalar in mapping.steering.items():
+            field = f"log.steering.{name}"
+            wanted.add_scalar(field, scalar, scalar_conversion(field, scalar, Unit.RAD))
+        if mapping.gyro is not None:
+            conversion = scalar_conversion("log.gyro", mapping.gyro, Unit.RAD_S)
+            wanted.add_scalar("log.gyro", mapping.gyro, conversion)
+        self.twist = _twist_columns(path, mapping)
+        for column in self.twist:
+            wanted.add(f"log.twist.{column}", Wanted(column, Real()))
+        self._elapsed = 0  # [ns], where the table says how long each row took
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def log(self, rows: Rows, *, is_first: bool = True) -> WheelLog:
+        """Rows as a wheel log without a reference; units and the like are judged by the first ones."""
+        path, robot, mapping, reading = self.path, self.robot, self.mapping, self.reading
+        take = self.wanted.taker(rows)
+        time_ns, seconds = _times(path, take("time"), self.time, self._elapsed)
+        if len(time_ns):
+            self._elapsed = int(time_ns[-1])
+        if is_first:
+            check_time(path, time_ns, self.time.unit)
+        for name, scalar in mapping.steering.items():
+            check_steering(path, robot, name, scalar, take(f"log.steering.{name}"))
+        columns = [
+            WheelColumn(name, wheel, reading, self.conversions[name], time_ns, take(f"log.wheels.{name}"))
+            for name, wheel in self.wheels.items()
+        ]
+        readings = _beside([column.values for column in columns])
+        doubtful = doubts(robot, columns) if is_first else ()
+        if seconds is not None and readings is not None and reading is Reading.VELOCITY:
+            readings, reading = readings * seconds[:, None], Reading.INCREMENT
+        return WheelLog(
+            time_ns=time_ns,
+            wheel_names=tuple(self.wheels),
+            wheels=readings,
+            reading=reading,
+            steering_names=tuple(mapping.steering),
+            steering=_beside([take(f"log.steering.{name}") for name in mapping.steering]),
+            yaw_rate=None if mapping.gyro is None else take("log.gyro"),
+            twists=_beside([take(f"log.twist.{column}") for column in self.twist]),
+            rejected=rows.rejected,
+            warnings=(*rows.warnings, *doubtful),
+            source=str(path),
+        )
+
+
+def _times(path: Path, column: Array, mapping: TimeMapping, elapsed: int = 0) -> tuple[Array, Array | None]:
+    """Stamps [ns], and how long each row took [s] where that is what the log says, after so many ns."""
     if mapping.kind is not Kind.INCREMENT:
         return column, None
-    if float(np.abs(column.astype(np.float64)).sum()) >= 2.0**63:
+    if abs(elapsed) + float(np.abs(column.astype(np.float64)).sum()) >= 2.0**63:
         raise LogSchema(path, "unit", "its rows took more than 292 years: declare the unit of the time")
-    return np.cumsum(column), column * 1e-9
+    return elapsed + np.cumsum(column), column * 1e-9
 
 
 class _WantedColumns:

@@ -33,6 +33,7 @@ Columns: TypeAlias = list[npt.NDArray[Any]]
 
 BLOCK = 1 << 17  # bytes at a time: what is made of them stays in the cache
 LONGEST_LINE = 1 << 20
+PIECE = 1 << 18  # rows: as many as it takes to tell what is doubtful about a log
 SAMPLE = 50  # lines that the shape of the table is read off
 NAMED = 5  # lines at fault that a warning names
 WORTH_PYARROW = 4 << 20  # bytes of a file, above which loading pyarrow pays
@@ -68,7 +69,12 @@ class TextTable:
 
     def read(self, wanted: Sequence[Wanted]) -> Rows:
         """See `Table`."""
-        return _Reading(self, wanted).rows()
+        (rows,) = _Reading(self, wanted).pieces(None)
+        return rows
+
+    def pieces(self, wanted: Sequence[Wanted], least: int = PIECE) -> Iterator[Rows]:
+        """What `read` returns, so many rows at a time; the last piece tells what was left out of all."""
+        return _Reading(self, wanted).pieces(least)
 
     @property
     def dialect_hint(self) -> str:
@@ -156,18 +162,25 @@ class _Reading:
         self.faults: list[tuple[int, str]] = []
         self.foreign_decimals = 0
 
-    def rows(self) -> Rows:
+    def pieces(self, least: int | None) -> Iterator[Rows]:
+        """At least so many rows at a time, but for the last piece; without a number all at once."""
         arrow = _Arrow.for_table(self.table, self.wanted, self.places) if not self.held else None
         parts: list[Columns] = []
+        count = 0
         for first, block in self._finished(self.table.blocks()):
+            if least is not None and sum(len(columns[0]) for columns in parts) >= least:
+                piece = _joined(parts)
+                count += len(piece[0])
+                yield Rows(piece)
+                parts = []
             columns = arrow.columns(block) if arrow and self.table.is_usual(block) else None
             if columns is None:
                 columns = self._parsed(self._shaped(self.table.lines(first, block)))
             parts.append(columns)
             self.faults = sorted(self.faults)[:NAMED]
-        columns = [np.concatenate(pieces) for pieces in zip(*parts, strict=True)]
-        self._check(len(columns[0]) if columns else 0)
-        return Rows(tuple(columns), self.rejected, self._warnings())
+        rest = _joined(parts)
+        self._check(count + (len(rest[0]) if rest else 0))
+        yield Rows(rest, self.rejected, self._warnings())
 
     def _finished(self, blocks: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
         """Lines that end. Of one that does not, the last number may be cut and still look like a number."""
@@ -327,6 +340,10 @@ class _Arrow:
                 return None
             columns.append(column)
         return columns
+
+
+def _joined(parts: list[Columns]) -> tuple[npt.NDArray[Any], ...]:
+    return tuple(np.concatenate(pieces) for pieces in zip(*parts, strict=True))
 
 
 def _is_number(cell: bytes, decimal: str) -> bool:

@@ -7,7 +7,7 @@ Columns: `time_ns`, `x`, `y`, `theta`; `vx`, `vy`, `omega`; the upper triangle o
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from trundle.errors import InputError, MissingExtra
 from trundle.records import Trajectory
 
 __all__ = [
+    "csv_lines",
     "read_trajectory_table",
     "write_trajectory_csv",
     "write_trajectory_json",
@@ -35,11 +36,17 @@ _COVARIANCE = tuple(f"covariance.{_POSE[i]}{_POSE[j]}" for i, j in _UPPER)
 
 def write_trajectory_csv(trajectory: Trajectory, path: Path) -> None:
     """Write CSV with a header. Numbers have what it takes to read back the same."""
-    columns = _columns(trajectory)
     with path.open("w", encoding="ascii", newline="\n") as file:
-        file.write(",".join(columns) + "\n")
-        rows = zip(*(map(repr, column.tolist()) for column in columns.values()), strict=True)
-        file.writelines(",".join(row) + "\n" for row in rows)
+        file.writelines(csv_lines(trajectory))
+
+
+def csv_lines(trajectory: Trajectory, *, header: bool = True) -> Iterator[str]:
+    """The lines of a CSV file; those of a later piece have no header."""
+    columns = _columns(trajectory)
+    if header:
+        yield ",".join(columns) + "\n"
+    for row in zip(*(map(repr, column.tolist()) for column in columns.values()), strict=True):
+        yield ",".join(row) + "\n"
 
 
 def write_trajectory_json(trajectory: Trajectory, path: Path) -> None:

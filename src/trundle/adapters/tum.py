@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,22 @@ from trundle.errors import InputError
 from trundle.records import Trajectory
 from trundle.robot.log_mapping import TableFormat
 
-__all__ = ["read_tum", "write_tum"]
+__all__ = ["read_tum", "tum_lines", "write_tum"]
 
 
 def write_tum(trajectory: Trajectory, path: Path) -> None:
-    """Write the poses. Stamps have all nine decimals, other numbers what it takes to read back the same.
+    """Write the poses.
+
+    Raises:
+        InputError: If a pose is not finite.
+    """
+    lines = tum_lines(trajectory)
+    with path.open("w", encoding="ascii", newline="\n") as file:
+        file.writelines(lines)
+
+
+def tum_lines(trajectory: Trajectory) -> Iterator[str]:
+    """The poses. Stamps have all nine decimals, other numbers what it takes to read back the same.
 
     Raises:
         InputError: If a pose is not finite: a quaternion cannot say "unknown".
@@ -28,8 +40,7 @@ def write_tum(trajectory: Trajectory, path: Path) -> None:
         raise InputError(f"pose {unknown[0]} is {pose}, must be finite in a .tum file; .csv can hold it")
     z, w = quaternion_of_yaw(trajectory.poses[:, 2])
     rows = zip(*(c.tolist() for c in (trajectory.time_ns, *trajectory.poses.T[:2], z, w)), strict=True)
-    with path.open("w", encoding="ascii", newline="\n") as file:
-        file.writelines(f"{_seconds(t)} {x!r} {y!r} 0 0 0 {qz!r} {qw!r}\n" for t, x, y, qz, qw in rows)
+    return (f"{_seconds(t)} {x!r} {y!r} 0 0 0 {qz!r} {qw!r}\n" for t, x, y, qz, qw in rows)
 
 
 def read_tum(path: Path) -> Trajectory:
