@@ -523,6 +523,12 @@ def test_no_traceback_unless_wanted(run, monkeypatch, error, code, words):
     assert "Traceback" in err
 
 
+def test_a_word_that_is_no_command_is_answered_in_one_line(run):
+    code, _, err = run("trak")
+    assert code == ExitCode.USAGE
+    assert err == 'trundle: Unknown command "trak". Did you mean "track"?; see trundle --help\n'
+
+
 def test_help_and_version(run):
     code, out, _ = run("--version")
     assert (code, out.strip()) == (0, tr.__version__)

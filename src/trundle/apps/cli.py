@@ -117,7 +117,7 @@ def _report(error: BaseException, *, debug: bool) -> int:
 
 def _usage_problem(error: CycloptsError) -> str:
     command = " ".join(("trundle", *(error.command_chain or ())))
-    problem = str(error).strip().rstrip(".")
+    problem = str(error).partition(" Available commands:")[0].strip().rstrip(".")
     if isinstance(error, MissingArgumentError) and error.argument is not None and not error.argument.tokens:
         problem = f"needs {error.argument.name}"
     if isinstance(error, UnusedCliTokensError):
