@@ -20,13 +20,15 @@ if TYPE_CHECKING:
     from trundle.calibrate.calibration import Calibration, Estimate, RunFit
     from trundle.records import Trajectory
 
-__all__ = ["plot_calibration", "plot_errors", "plot_parameters", "plot_paths"]
+__all__ = ["plot_calibration", "plot_errors", "plot_parameters", "plot_paths", "plot_residuals"]
 
 Floats = npt.NDArray[np.float64]
 
 MOST_RUNS = 12
 """Runs that are drawn; of more, those spread evenly over them."""
 COLUMNS = 3
+WIDEST = 5.0
+"""Residuals that are drawn where they are, in standard deviations."""
 
 
 def plot_calibration(calibration: Calibration, *, title: str = "") -> Figure:
@@ -57,6 +59,25 @@ def plot_paths(fits: Sequence[RunFit]) -> Figure:
 def plot_errors(fits: Sequence[RunFit]) -> Figure:
     """How far the paths of each run were off over time, before and after."""
     return _grid(fits, 2.3, _draw_errors)
+
+
+def plot_residuals(fits: Sequence[RunFit]) -> Figure:
+    """What is left of all samples after the calibration, beside what noise alone would leave."""
+    left = [fit.residuals[np.isfinite(fit.residuals)] for fit in fits]
+    values = np.concatenate([*left, np.zeros(0)])
+    figure = empty_figure(8.6, 2.9)
+    axis = figure.subplots()
+    style_axis(axis)
+    edges = np.linspace(-WIDEST, WIDEST, 61)
+    inside = np.clip(values, -WIDEST, WIDEST)
+    axis.hist(inside, edges, density=True, color=BLUE, alpha=0.55, label=f"{len(values)} residuals")
+    middle = np.linspace(-WIDEST, WIDEST, 241)
+    normal = np.exp(-0.5 * middle**2) / math.sqrt(math.tau)
+    axis.plot(middle, normal, color=INK, linewidth=1.2, dashes=(4, 2), label="noise alone")
+    axis.set_xlabel("residual [standard deviations]; what is further out stands at the edges")
+    axis.set_yticks([])
+    axis.legend(frameon=False, fontsize=9, loc="upper right")
+    return figure
 
 
 def plot_parameters(estimates: Sequence[Estimate]) -> Figure:

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from trundle.apps.calibration_plot import plot_errors, plot_parameters, plot_paths
+from trundle.apps.calibration_plot import plot_errors, plot_parameters, plot_paths, plot_residuals
 from trundle.apps.calibration_words import held_out_rows, parameter_rows, quality_lines, unobserved_lines
 
 if TYPE_CHECKING:
@@ -75,6 +75,7 @@ def report_page(
         parts += [
             _figure("Paths before and after", plot_paths(calibration.fits)),
             _figure("How far off they were", plot_errors(calibration.fits)),
+            _figure("What is left", plot_residuals(calibration.fits)),
         ]
     parts.append(_section("Worth knowing", _list(calibration.warnings)))
     made = f"<p class=soft>Made by Trundle {html.escape(version)}: <code>{html.escape(command)}</code></p>"
