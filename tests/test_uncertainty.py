@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from array_api_compat import numpy as standard  # the array API, on NumPy 1.26 too
@@ -18,6 +20,7 @@ from trundle.odometry import path
 from trundle.odometry.covariance import ZERO, mean_offset
 from trundle.odometry.error_model import ErrorModel
 from trundle.odometry.integrator import Integrator
+from trundle.robot.description import UNMEASURED
 
 TRACK, RADIUS = 0.4, 0.05
 DIFF = tr.Differential(track_width=TRACK, wheel_radius=RADIUS)
@@ -223,3 +226,11 @@ def test_defaults_are_honest_on_the_recordings(shared_data) -> None:
     assert 0.3 < np.median(medians) < 3.0
     assert min(medians) > 0.01
     assert max(medians) < 10.0
+
+
+def test_the_page_names_the_noise_that_is_used() -> None:
+    """docs/uncertainty.md: what each key of `noise` is with the section and without it."""
+    page = Path(__file__).parents[1] / "docs" / "uncertainty.md"
+    rows = re.findall(r"^\| `(\w+)` \|.*\| ([\d.]+) \| ([\d.]+) \|$", page.read_text("utf-8"), re.MULTILINE)
+    assert {key: float(value) for key, value, _ in rows} == msgspec.structs.asdict(tr.Noise())
+    assert {key: float(value) for key, _, value in rows} == msgspec.structs.asdict(UNMEASURED)
