@@ -307,7 +307,7 @@ class Kinematics:
         now = self._standstill if steering is None else steering
         if len(now) != len(self._steered):
             raise ShapeError(
-                f"steering: {len(now)} angles, must be {len(self._steered)} {self.steered_names}"
+                f"steering: {len(now)} given, must be {len(self._steered)} {self.steered_names}"
             )
         speeds: list[float] = []
         angles: list[float] = []
@@ -477,7 +477,7 @@ class Kinematics:
         """
         if len(speeds) != len(self.wheel_names):
             raise ShapeError(
-                f"speeds: {len(speeds)} values, must be {len(self.wheel_names)} {self.wheel_names}"
+                f"speeds: {len(speeds)} given, must be {len(self.wheel_names)} {self.wheel_names}"
             )
         values = dict(zip(self.wheel_names, speeds, strict=True))
         return [values[name] for name in self.measured_names]
@@ -625,7 +625,7 @@ class Kinematics:
         for columns, sigmas, name in groups:
             each = [sigmas] * len(columns) if isinstance(sigmas, float | int) else list(sigmas)
             if len(each) != len(columns):
-                raise ShapeError(f"{name}: {len(each)} values, must be one or {len(columns)}")
+                raise ShapeError(f"{name}: {len(each)} given, must be one or {len(columns)}")
             for column, sigma in zip(columns, each, strict=True):
                 for i in range(3):
                     for j in range(3):
@@ -674,7 +674,7 @@ class Kinematics:
     def _check_reading(self, speeds: Sequence[float], steering: Sequence[float]) -> Sequence[float]:
         if len(speeds) != len(self._measured):
             raise ShapeError(
-                f"speeds: {len(speeds)} values, must be {len(self._measured)} {self.measured_names}"
+                f"speeds: {len(speeds)} given, must be {len(self._measured)} {self.measured_names}"
             )
         return self._check_steering(steering)
 
@@ -690,7 +690,7 @@ class Kinematics:
             ShapeError: If this drive understands none of that length.
         """
         raise ShapeError(
-            f"steering: {len(steering)} angles, must be {len(self._steered)} {self.steered_names}"
+            f"steering: {len(steering)} given, must be {len(self._steered)} {self.steered_names}"
         )
 
     def check_batch(self, readings: Array, steering: Array | None) -> None:
