@@ -232,6 +232,8 @@ class _Examination:
             max(MARGIN, 0.5 * best.fit.score), 0.5 * (described.score - best.fit.score)
         )
         likely = [trial for trial in trials if trial.fit.score <= limit]
+        if any(trial.hypothesis.stands for trial in likely):  # nobody measures 0 by a wrong factor
+            likely = [trial for trial in likely if not trial.hypothesis.free]
         finding = self._finding(described, likely)
         return Diagnosis((*found, finding), self.names, self.count, described.score)
 

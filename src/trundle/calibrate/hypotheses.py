@@ -122,6 +122,7 @@ class Hypothesis:
         least: Smallest factor that can be.
         most: Greatest one.
         wheels: Those whose readings show it.
+        stands: Whether it is that a wheel stands still.
     """
 
     account: Callable[[Account, float], Account]
@@ -130,6 +131,7 @@ class Hypothesis:
     least: float = 0.0
     most: float = math.inf
     wheels: tuple[str, ...] = ()
+    stands: bool = False
 
 
 def hypotheses(patient: Patient) -> Iterator[Hypothesis]:
@@ -263,7 +265,7 @@ def _standing(patient: Patient, name: str, still: Mask) -> Hypothesis:
     def account(said: Account, _factor: float) -> Account:
         return replace(said, deaf={name: still})
 
-    return Hypothesis(account, causes, wheels=(name,))
+    return Hypothesis(account, causes, wheels=(name,), stands=True)
 
 
 def _held(name: str) -> Hypothesis:

@@ -37,7 +37,7 @@ ROUGHNESS = 5e-4
 TAME = 10.0
 """Beyond this, what is left of a window counts by its logarithm: one glitch is no fault (Cauchy)."""
 VANISHED = 1e3
-"""What a window costs that told something until an account silenced it."""
+"""What each window costs an account that silences most of them."""
 LEAST = 5.0
 """A window tells something where its motion is so many times what may be off anyway."""
 
@@ -199,7 +199,9 @@ class Bench:
         if self.label is not None:
             left = left + self._wrong_way(moved, size)
         # A factor that makes the motion vanish explains nothing.
-        left = np.where(self.moving(account, 0.5 * LEAST), left, VANISHED)
+        loud = moving & self.moving(account, 0.5 * LEAST)
+        if 2 * int(loud.sum()) < int(moving.sum()):
+            left = np.full_like(left, VANISHED)
         each = left / max(1, self.freedom(account))
         each = TAME * np.log1p(each / TAME)
         score = float(each[moving].mean()) if moving.any() else 0.0
