@@ -28,6 +28,7 @@ __all__ = ["main"]
 _VERBS = {
     "track": ("trundle.apps.track:track", "Wheel log to trajectory, with a summary and a picture."),
     "calibrate": ("trundle.apps.calibrate:calibrate", "Logs to a robot with better numbers."),
+    "plan": ("trundle.apps.plan:plan", "How well drives would calibrate a robot, before they are driven."),
     "compare": ("trundle.apps.compare:compare", "How far a trajectory is from a reference."),
     "info": ("trundle.apps.info:info", "What is in a log, and a log: section for it to start from."),
     "convert": ("trundle.apps.convert:convert", "The same trajectory, or log, in another format."),
