@@ -22,6 +22,8 @@ PROMISES = {
     ("100,000 samples, NumPy", "wpimath"): 90.0,
     ("10,000,000 samples, Numba", "compiled copy"): 1.0 / 2.0,
     ("4096 robots x 1000 steps, Numba", "compiled copy"): 1.0 / 3.0,
+    ("JointState, MCAP", "rosbags"): 60.0,
+    ("JointState, MCAP zstd", "rosbags"): 35.0,
     ("log to trajectory file", "rosbags, wpimath, savetxt"): 20.0,
 }
 AT_MOST_NS = {("integrate, with covariance", "differential"): 400.0}
