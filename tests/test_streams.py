@@ -202,7 +202,7 @@ class Record:
 
     def check(self) -> None:
         """Everything finite, every covariance positive semi-definite."""
-        table = np.array(self.numbers)
+        table = np.array(self.numbers).reshape(-1, 12)
         self.numbers.clear()
         assert np.isfinite(table).all()
         full = table[:, [6, 7, 9, 7, 8, 10, 9, 10, 11]].reshape(-1, 3, 3)
