@@ -10,6 +10,7 @@ import trundle as tr
 DRIVE = tr.Differential(track_width=0.2, wheel_radius=0.05)
 ROBOT = tr.Robot(drive=DRIVE)
 TWO = np.zeros((3, 2))
+LOG = tr.WheelLog(time_ns=[0, 1, 2], wheel_names=("left", "right"), wheels=TWO)
 
 
 @pytest.mark.parametrize(
@@ -33,7 +34,7 @@ TWO = np.zeros((3, 2))
         ),
         (lambda: tr.integrate_batch(DRIVE, np.zeros(2)), "positions: shape \\(2,\\), must be"),
         (lambda: tr.integrate(ROBOT, "run.csv"), "'run.csv', must be a WheelLog; read_log makes one"),
-        (lambda: tr.integrate("differential", 4), "drive: 'differential', must be a drive"),
+        (lambda: tr.integrate("differential", LOG), "drive: 'differential', must be a drive"),
         (lambda: tr.WheelOdometry(3), "drive: 3, must be a drive, such as Differential"),
         (lambda: ROBOT.with_localizer("gyro"), "localizer: 'gyro', must be a drive"),
         (lambda: tr.Encoder(ticks_per_revolution=5, bits=2.5), "bits: 2.5, must be a whole number"),
