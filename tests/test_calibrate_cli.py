@@ -293,3 +293,79 @@ def test_without_scipy_it_says_what_to_install(run, monkeypatch):
     code, _, err = run("calibrate", *CAMERA, "--robot", ROBOT)
     assert code == 5
     assert "pip install 'trundle[calibrate]'" in err
+
+
+# ------------------------------------------------------------------ the whole way, with the estimator
+
+
+def test_the_examples_logs_are_what_their_script_makes(tmp_path):
+    TRUTH.main(tmp_path)
+    made = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert made == {path.name: path.read_bytes() for path in EXAMPLE.glob("*.csv")}
+
+
+def test_the_example_gets_its_true_numbers(run, tmp_path):
+    output = tmp_path / "robot.yaml"
+    words = ("calibrate", *CAMERA, "--robot", ROBOT, "-o", output, "--hold-out", "0", "--accept")
+    assert run(*words)[0] == 0
+    robot = load_robot(output)
+    mounting = robot.log.reference.mounting
+    found = {
+        "track_width": robot.drive.parameters["track_width"],
+        "clock": robot.log.reference.delay,
+        **{f"wheel_radius.{wheel.name}": wheel.radius for wheel in robot.drive.wheels},
+        **{f"reference.{axis}": value for axis, value in zip(("x", "y", "theta"), mounting, strict=True)},
+    }
+    truth = {
+        "track_width": TRUTH.TRUE_DRIVE.parameters["track_width"],
+        "clock": TRUTH.CAMERA_DELAY,
+        **{f"wheel_radius.{wheel.name}": wheel.radius for wheel in TRUTH.TRUE_DRIVE.wheels},
+        **{f"reference.{axis}": value for axis, value in zip(("x", "y", "theta"), TRUTH.MARKER, strict=True)},
+    }
+    sigmas = robot.calibration.sigmas
+    assert set(sigmas) == set(truth)
+    scores = {name: (found[name] - truth[name]) / sigmas[name] for name in truth}
+    assert max(map(abs, scores.values())) < 3.5, scores
+    # Its logs are read with what was found: what was off is no longer.
+    log = tr.read_log(CAMERA[0], robot)
+    assert compare(tr.integrate(robot, log), log.reference).ate < 0.015
+
+
+def test_a_tape_measure_is_enough_for_two_numbers(run, tmp_path):
+    logs = [EXAMPLE / f"{name}.csv" for name in TRUTH.TAPE]
+    said = (
+        "--rolled",
+        "roll_1=2m",
+        "--rolled",
+        "roll_2=2m",
+        "--spun",
+        "spin_left=3",
+        "--spun",
+        "spin_right=-3",
+    )
+    names = ("--parameters", "wheel_radius,track_width", "--hold-out", "2")
+    output = tmp_path / "robot.yaml"
+    code, out, _ = run("calibrate", *logs, "--robot", ROBOT, *rolled, *spun, *names, "-o", output)
+    assert code == 0
+    assert "Better: 4 runs" in out
+    drive = load_robot(output).drive
+    assert drive.wheel("left").radius == pytest.approx((0.04132 + 0.04165) / 2, rel=2e-3)
+    assert drive.parameters["track_width"] == pytest.approx(0.2061, rel=5e-3)
+
+
+def test_a_trajectory_in_a_file_is_a_reference(run, tmp_path):
+    robot = tmp_path / "robot.yaml"
+    robot.write_text(ROBOT.read_text().partition("log:")[0])
+    log = tr.read_log(CAMERA[1], load_robot(ROBOT))
+    tr.write_trajectory(log.reference, tmp_path / "truth.tum")
+    words = (
+        "--reference",
+        tmp_path / "truth.tum",
+        "--hold-out",
+        "0",
+        "--parameters",
+        "wheel_radius,track_width",
+    )
+    code, out, err = run("calibrate", CAMERA[1], "--robot", robot, *words)
+    assert code == 0, err
+    assert re.search(r"reference\.x \[mm\] +0\.0+ +3\d\.\d", out)
