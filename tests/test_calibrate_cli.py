@@ -333,16 +333,8 @@ def test_the_example_gets_its_true_numbers(run, tmp_path):
 
 def test_a_tape_measure_is_enough_for_two_numbers(run, tmp_path):
     logs = [EXAMPLE / f"{name}.csv" for name in TRUTH.TAPE]
-    said = (
-        "--rolled",
-        "roll_1=2m",
-        "--rolled",
-        "roll_2=2m",
-        "--spun",
-        "spin_left=3",
-        "--spun",
-        "spin_right=-3",
-    )
+    rolled = ("--rolled", "roll_1=2m", "--rolled", "roll_2=2m")
+    spun = ("--spun", "spin_left=3", "--spun", "spin_right=-3")
     names = ("--parameters", "wheel_radius,track_width", "--hold-out", "2")
     output = tmp_path / "robot.yaml"
     code, out, _ = run("calibrate", *logs, "--robot", ROBOT, *rolled, *spun, *names, "-o", output)
