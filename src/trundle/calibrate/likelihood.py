@@ -38,7 +38,7 @@ _LONGEST = 0.3
 """Greatest change of a number in one iteration, in parts of its size."""
 _SETTLED = 0.02
 """Standard deviations: smaller steps change nothing that anybody could tell."""
-_ENOUGH_RUNS = 12  # more say nothing new about how large the noises are
+_FEWEST_RUNS, _ENOUGH_FIXES = 4, 2000  # more say nothing new about how large the noises are
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -233,6 +233,7 @@ def _reweigh(
         step, in which the place of a fix is uncertain too.
     """
     both = np.concatenate([[1.0], change])
+    sure = [] if hard else frame_covariances(linear, state.levels, state.weights)
     for k, (one, part) in enumerate(zip(linear, reduced, strict=True)):
         if one.given is not None:
             continue
@@ -242,8 +243,7 @@ def _reweigh(
         if hard:
             state.weights[k] = np.where(square > OUTLIER, _NOTHING, 1.0)
             continue
-        sure = frame_covariances(one, state.levels, state.weights[k])
-        seen = np.einsum("kij,kjl,kil->ki", one.by_frame, sure, one.by_frame)
+        seen = np.einsum("kij,kjl,kil->ki", one.by_frame, sure[k], one.by_frame, optimize=True)
         square += (seen * one.measured / variance).sum(axis=1)
         state.weights[k] = (FREEDOM + one.measured.sum(axis=1)) / (FREEDOM + square)
 
@@ -257,7 +257,9 @@ def _levels(linear: Sequence[Linear], state: Fit, belief: Floats) -> Levels:
     Source:
         Patterson, Thompson 1971, "Recovery of inter-block information when block sizes are unequal".
     """
-    chosen = np.unique(np.linspace(0, len(linear) - 1, min(len(linear), _ENOUGH_RUNS)).astype(int))
+    fixes = sum(len(one.residuals) for one in linear)
+    count = min(len(linear), max(_FEWEST_RUNS, len(linear) * _ENOUGH_FIXES // max(fixes, 1)))
+    chosen = np.unique(np.linspace(0, len(linear) - 1, count).astype(int))
     runs = [(linear[k], state.weights[k]) for k in chosen]
     free = [one for one, _ in runs if one.given is None]
     open_ = [

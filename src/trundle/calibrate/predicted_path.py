@@ -14,6 +14,7 @@ from trundle.calibrate.parameter import Parameter, drive_with
 from trundle.calibrate.wheel_steps import wheel_steps
 from trundle.errors import InputError
 from trundle.geometry import se2
+from trundle.odometry.covariance import rotated
 from trundle.odometry.error_model import ErrorModel
 from trundle.records import WheelLog
 from trundle.robot import Robot
@@ -93,7 +94,7 @@ def predict(
     """The path at some moments, by other numbers.
 
     Poses are exact arcs. Their derivatives are exact too: the drive's equation in numbers that carry theirs,
-    then the product rule on the group.
+    then the product rule on the group: a change of step k moves all that follows.
 
     Args:
         robot: As described.
@@ -105,28 +106,25 @@ def predict(
     numbers = seeds(values)
     step, slopes = _displacements(robot, readings, parameters, numbers)
     poses = _walk(step)
-    # A change c of step k, in the frame at its end Jr c, moves all that follows: Ad(T_k) Jr c.
-    moved = adjoint(poses[1:]) @ se2.right_jacobian(step)
-    changes = _sums(moved @ slopes)
+    changes = _sums(_moved(poses[:, 1:], step, slopes))
     spread = _sums(_spatial_noise(robot, readings, parameters, values, step, poses))
-    way = np.hypot(step[:, 0], step[:, 1])
-    distance, turned = _sums(way), _sums(np.abs(step[:, 2]))
+    way, turn = np.hypot(step[0], step[1]), np.abs(step[2])
+    distance, turned = _sums(way), _sums(turn)
 
     ends = readings.moments
-    k = np.clip(np.searchsorted(ends, moments, side="right") - 1, 0, len(step) - 1)
+    k = np.clip(np.searchsorted(ends, moments, side="right") - 1, 0, step.shape[1] - 1)
     elapsed = ends[k + 1] - ends[k]
-    share = np.clip((moments - ends[k]) / elapsed, 0.0, 1.0)[:, np.newaxis]
-    part = share * step[k]
-    found = se2.compose(poses[k], se2.exp(part))
-    inside = adjoint(found) @ se2.right_jacobian(part) @ (share[:, :, np.newaxis] * slopes[k])
-    whole = share[:, :, np.newaxis]
+    share = np.clip((moments - ends[k]) / elapsed, 0.0, 1.0)
+    part = share * step[:, k]
+    found = se2.compose(poses[:, k].T, se2.exp(part.T))
+    inside = _moved(found.T, part, share * slopes[:, :, k])
     return PredictedPath(
         poses=found,
-        slopes=changes[k] + inside,
-        spread=(1.0 - whole) * spread[k] + whole * spread[k + 1],
-        twists=step[k] / elapsed[:, np.newaxis],
-        distance=distance[k] + share[:, 0] * way[k],
-        turned=turned[k] + share[:, 0] * np.abs(step[k, 2]),
+        slopes=(changes[:, :, k] + inside).transpose(2, 1, 0),
+        spread=_matrices((1.0 - share) * spread[:, k] + share * spread[:, k + 1]),
+        twists=(step[:, k] / elapsed).T,
+        distance=distance[k] + share * way[k],
+        turned=turned[k] + share * turn[k],
     )
 
 
@@ -144,7 +142,7 @@ def adjoint(poses: Floats) -> Floats:
 def _displacements(
     robot: Robot, readings: Readings, parameters: Sequence[Parameter], numbers: Sequence[Dual]
 ) -> tuple[Floats, Floats]:
-    """Body displacements, shape (steps, 3), and their derivatives, shape (steps, 3, parameters)."""
+    """Body displacements, shape (3, steps), and their derivatives, shape (parameters, 3, steps)."""
     drive = drive_with(robot.measuring, parameters, numbers)
     sensors = {one.name: number for one, number in zip(parameters, numbers, strict=True)}
     angles = [
@@ -159,27 +157,51 @@ def _displacements(
         turn = sensors.get("gyro.scale", 1.0) * turn + sensors.get("gyro.bias", 0.0) * seconds
     columns = drive.displacement(list(readings.turned), angles, turn, DualMath)
     count = readings.turned.shape[1]
-    step = np.zeros((count, 3))
-    slopes = np.zeros((count, 3, len(parameters)))
+    step = np.zeros((3, count))
+    slopes = np.zeros((len(parameters), 3, count))
     for axis, column in enumerate(columns):
         if isinstance(column, Dual):
-            step[:, axis] = column.value
-            slopes[:, axis] = column.slopes.T
+            step[axis] = column.value
+            slopes[:, axis] = column.slopes
         else:
-            step[:, axis] = column
+            step[axis] = column
     return step, slopes
 
 
 def _walk(step: Floats) -> Floats:
-    """Poses after each step, from the origin, shape (steps + 1, 3)."""
-    heading = np.concatenate([[0.0], np.cumsum(step[:, 2])])
-    chord = se2.exp(step)
-    c, s = np.cos(heading[:-1]), np.sin(heading[:-1])
-    poses = np.zeros((len(step) + 1, 3))
-    poses[1:, 0] = np.cumsum(c * chord[:, 0] - s * chord[:, 1])
-    poses[1:, 1] = np.cumsum(s * chord[:, 0] + c * chord[:, 1])
-    poses[:, 2] = heading
-    return poses
+    """Poses after each step, from the origin, shape (3, steps + 1)."""
+    dx, dy, turn = step
+    half = 0.5 * turn
+    heading = np.concatenate([[0.0], np.cumsum(turn)])
+    chord = se2.sinc(half)
+    c, s = np.cos(heading[:-1] + half) * chord, np.sin(heading[:-1] + half) * chord
+    return np.stack([_sums(c * dx - s * dy), _sums(s * dx + c * dy), heading])
+
+
+def _moved(ends: Floats, step: Floats, changes: Floats) -> Floats:
+    """What changes of steps do to all poses after them: Ad(end) Jr(step) change, by columns.
+
+    Args:
+        ends: Poses after the steps, shape (3, steps).
+        step: The steps, shape (3, steps).
+        changes: Of the steps, shape (parameters, 3, steps).
+    """
+    x, y, heading = ends
+    dx, dy, turn = step
+    half = 0.5 * turn
+    # Entries of se2.right_jacobian, and its rows turned by the heading.
+    a, b = se2.sinc(turn), np.sin(half) * se2.sinc(half)
+    e, d = se2.excess(turn), 0.5 * se2.sinc(half) ** 2
+    p, q = e * dx - d * dy, d * dx + e * dy
+    c, s = np.cos(heading), np.sin(heading)
+    along, across = c * a + s * b, c * b - s * a
+    by_turn_x, by_turn_y = c * p - s * q + y, s * p + c * q - x
+    cx, cy, ct = changes[:, 0], changes[:, 1], changes[:, 2]
+    found = np.empty_like(changes)
+    found[:, 0] = along * cx + across * cy + by_turn_x * ct
+    found[:, 1] = along * cy - across * cx + by_turn_y * ct
+    found[:, 2] = ct
+    return found
 
 
 def _spatial_noise(
@@ -190,23 +212,31 @@ def _spatial_noise(
     step: Floats,
     poses: Floats,
 ) -> Floats:
-    """Covariance of each step's displacement, seen from the start, shape (steps, 3, 3)."""
+    """Upper triangles of the covariance of each step, seen from the start, shape (6, steps)."""
     drive = drive_with(robot.measuring, parameters, [float(value) for value in values])
     model = ErrorModel(drive, robot.noise, {})
     angles: list[Floats] = list(readings.steering)
     if len(angles) < len(drive.steered_names):
         angles = list(drive.expand_steering(angles, standard))
     gyro = readings.turn is not None
-    seconds = np.diff(readings.moments)
     gains = model.gains(angles, gyro, standard)
-    six = model.noise(gains, list(readings.turned), list(step.T), seconds, gyro, standard)
-    xx, xy, yy, xt, yt, tt = (np.broadcast_to(part, (len(step),)) for part in six)
-    body = np.stack([xx, xy, xt, xy, yy, yt, xt, yt, tt], axis=-1).reshape(-1, 3, 3)
-    middle = adjoint(se2.compose(poses[:-1], se2.exp(0.5 * step)))
-    found: Floats = middle @ body @ np.swapaxes(middle, 1, 2)
-    return found
+    six = model.noise(gains, list(readings.turned), list(step), np.diff(readings.moments), gyro, standard)
+    middle = 0.5 * (poses[:, 1:] + poses[:, :-1])
+    x, y, heading = middle
+    xx, xy, yy, xt, yt, tt = rotated(six, np.cos(heading), np.sin(heading))
+    far_x, far_y = xt + y * tt, yt - x * tt
+    parts = (xx + y * (xt + far_x), xy - x * xt + y * far_y, yy - x * (yt + far_y), far_x, far_y, tt)
+    return np.stack([np.broadcast_to(part, heading.shape) for part in parts])
+
+
+def _matrices(six: Floats) -> Floats:
+    """Symmetric matrices, shape (N, 3, 3), of their upper triangles, shape (6, N)."""
+    xx, xy, yy, xt, yt, tt = six
+    return np.stack([xx, xy, xt, xy, yy, yt, xt, yt, tt], axis=-1).reshape(-1, 3, 3)
 
 
 def _sums(parts: Floats) -> Floats:
-    """Running sums, beginning with zero."""
-    return np.concatenate([np.zeros_like(parts[:1]), np.cumsum(parts, axis=0)])
+    """Running sums along the last axis, beginning with zero."""
+    found = np.zeros((*parts.shape[:-1], parts.shape[-1] + 1))
+    np.cumsum(parts, axis=-1, out=found[..., 1:])
+    return found

@@ -11,8 +11,8 @@ Source:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -138,32 +138,60 @@ def eliminate(linear: Linear, levels: Levels, weights: Floats) -> Reduced:
     )
 
 
-def frame_covariances(linear: Linear, levels: Levels, weights: Floats) -> Floats:
-    """How sure each frame is by all fixes together, shape (N, 3, 3): the diagonal of an inverse."""
-    trust = linear.measured * weights[:, np.newaxis] / linear.sigmas(levels) ** 2
-    bonds, _ = _bonds(linear, levels)
-    seen = np.swapaxes(linear.by_frame, 1, 2) * trust[:, np.newaxis, :]
-    diagonal = _diagonal(linear, seen, bonds)
-    found = np.zeros_like(diagonal)
-    ahead = np.zeros_like(diagonal)  # what the fixes up to k know, inverted
-    ahead[0] = np.linalg.inv(diagonal[0])
+def frame_covariances(runs: Sequence[Linear], levels: Levels, weights: Sequence[Floats]) -> list[Floats]:
+    """How sure each frame of each run is by all its fixes together, shape (N, 3, 3).
+
+    The blocks on the diagonal of an inverse, forth and back once; all runs go side by side.
+
+    Source:
+        Takahashi, Fagan, Chin 1973, for block tridiagonal matrices.
+    """
+    longest = max(len(one.residuals) for one in runs)
+    diagonal = np.tile(np.eye(3), (longest, len(runs), 1, 1))
+    bonds = np.zeros((longest - 1, len(runs), 3, 3))
+    for number, (one, believed) in enumerate(zip(runs, weights, strict=True)):
+        trust = one.measured * believed[:, np.newaxis] / one.sigmas(levels) ** 2
+        own, _ = _bonds(one, levels)
+        seen = np.swapaxes(one.by_frame, 1, 2) * trust[:, np.newaxis, :]
+        diagonal[: len(own) + 1, number] = _diagonal(one, seen, own)
+        bonds[: len(own), number] = own
+    ahead = np.empty_like(diagonal)  # what the fixes up to k know, inverted
+    ahead[0] = _inverse(diagonal[0])
     for k, bond in enumerate(bonds):
-        ahead[k + 1] = np.linalg.inv(diagonal[k + 1] - bond @ ahead[k] @ bond)
-    found[-1] = ahead[-1]
-    for k in range(len(bonds) - 1, -1, -1):
+        ahead[k + 1] = _inverse(diagonal[k + 1] - bond @ ahead[k] @ bond)
+    for k in range(longest - 2, -1, -1):
         gain = ahead[k] @ bonds[k]
-        found[k] = ahead[k] + gain @ found[k + 1] @ gain.T
-    return found
+        ahead[k] += gain @ ahead[k + 1] @ np.swapaxes(gain, 1, 2)
+    return [ahead[: len(one.residuals), number] for number, one in enumerate(runs)]
 
 
 def _bonds(linear: Linear, levels: Levels) -> tuple[Floats, float]:
     """Information between neighbours, shape (N - 1, 3, 3), and the log-determinant of its inverse."""
     spread = linear.spread * levels.wheels**2 + STILL**2 * np.eye(3)
-    inverse: Any = np.linalg.inv(spread)
-    bonds: Floats = 0.5 * (inverse + np.swapaxes(inverse, 1, 2))
+    bonds = _inverse(spread)
     bonds[~linear.joined] = _BREAK * np.eye(3)
-    _, logs = np.linalg.slogdet(spread[linear.joined])
-    return bonds, float(logs.sum())
+    return bonds, float(np.log(_determinant(spread[linear.joined])).sum())
+
+
+def _cofactors(matrices: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
+    """Of symmetric matrices, shape (N, 3, 3): their upper triangles."""
+    a, b, c = matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 0, 2]
+    d, e, f = matrices[..., 1, 1], matrices[..., 1, 2], matrices[..., 2, 2]
+    return d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b
+
+
+def _determinant(matrices: Floats) -> Floats:
+    xx, xy, xz, *_ = _cofactors(matrices)
+    found: Floats = matrices[..., 0, 0] * xx + matrices[..., 0, 1] * xy + matrices[..., 0, 2] * xz
+    return found
+
+
+def _inverse(matrices: Floats) -> Floats:
+    """Of many small symmetric matrices, shape (N, 3, 3): Cramer's rule, for LAPACK takes them one by one."""
+    xx, xy, xz, yy, yz, zz = _cofactors(matrices)
+    upper = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(matrices.shape)
+    found: Floats = upper / _determinant(matrices)[..., np.newaxis, np.newaxis]
+    return found
 
 
 def _diagonal(linear: Linear, seen: Floats, bonds: Floats) -> Floats:
