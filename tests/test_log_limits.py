@@ -288,3 +288,18 @@ def test_ten_thousand_flips_of_a_table(tmp_path):
         for bit in np.random.default_rng(0).choice(8 * len(whole), 10_000, replace=False).tolist()
     ]
     print({outcome: outcomes.count(outcome) for outcome in sorted(set(outcomes))})
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("rows", [pytest.param(4_000_000, id="L15-text")])
+def test_fault(rows, tmp_path):
+    """What a long text takes does not grow with it: four million rows, whose poses alone would be 0.6 GB."""
+    robot, log = tmp_path / "robot.yaml", tmp_path / "run.csv"
+    robot.write_text(ROBOT.partition("log:")[0])
+    with log.open("w") as file:
+        file.write("time,left.position,right.position\n")
+        file.writelines(f"{k * 0.02:.2f},{k * 0.1:.3f},{k * 0.11:.3f}\n" for k in range(rows))
+    code, seconds, peak, said = measured("track", log, "--robot", robot, "-o", tmp_path / "out.tum")
+    print(f"{log.stat().st_size / 1e6:.0f} MB of text: {seconds:.1f} s, {peak:.0f} MiB at most")
+    assert code == 0, said
+    assert peak < MOST_MEMORY

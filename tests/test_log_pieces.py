@@ -12,6 +12,7 @@ import trundle as tr
 from trundle.adapters.log import read_log_pieces
 from trundle.adapters.text_table import TextTable
 from trundle.adapters.trajectory_pieces import write_trajectory_pieces
+from trundle.apps.cli import main
 from trundle.odometry.integrate import integrate_pieces
 
 DRIVE = tr.Differential(track_width=0.2, wheel_radius=0.04)
@@ -135,3 +136,22 @@ def test_a_reading_that_fails_leaves_no_file(tmp_path):
 def test_formats_with_an_end_are_refused(tmp_path):
     with pytest.raises(tr.InputError, match="cannot be written in pieces"):
         write_trajectory_pieces([], tmp_path / "out.mcap")
+
+
+@pytest.mark.parametrize("row", [pytest.param("L15", id="L15-command")])
+def test_fault(row, tmp_path, monkeypatch, capsys):
+    """The command writes and says the same of a long log, which it never holds as a whole."""
+    path = written(
+        tmp_path / "log.csv", "positions", 3000, lambda rows: [*rows[:1000], "oops,1,2", *rows[1000:]]
+    )
+    (tmp_path / "robot.yaml").write_text(
+        "drive: {type: differential, track_width: 0.2, wheel_radius: 0.04}\n"
+    )
+    said = []
+    for long in (1 << 30, 1):
+        monkeypatch.setattr("trundle.adapters.log.LONG", long)
+        words = ["track", str(path), "--robot", str(tmp_path / "robot.yaml"), "-o", str(tmp_path / "out.csv")]
+        assert main([*words, "--force"]) == 0
+        said.append(((tmp_path / "out.csv").read_bytes(), capsys.readouterr()))
+        monkeypatch.setattr("trundle.adapters.log.read_log", None)
+    assert said[0] == said[1]

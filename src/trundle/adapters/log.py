@@ -17,7 +17,9 @@ from trundle.errors import LogError, TrundleError
 from trundle.records import WheelLog
 from trundle.robot import Kinematics, LogMapping, Robot
 
-__all__ = ["read_log", "read_log_pieces"]
+__all__ = ["LONG", "is_long", "read_log", "read_log_pieces"]
+
+LONG = 16 << 20  # bytes of text, whose columns and poses would take ten to twenty times as much
 
 Reader = Callable[[Path, Robot, LogMapping, bool], WheelLog]
 
@@ -89,6 +91,15 @@ def read_log_pieces(
         yield from pieces_in_order(_text_pieces(SteadyFile(path), described, salvage=salvage))
     else:
         yield read_log(path, robot, salvage=salvage)
+
+
+def is_long(path: Path, robot: Robot) -> bool:
+    """Whether a log should be read in pieces: long text, without a reference, which is held as a whole."""
+    if not path.is_file() or path.stat().st_size <= LONG or content_of(path) is not Content.TEXT:
+        return False
+    from trundle.adapters.table_log import has_reference
+
+    return not has_reference(path, robot, robot.log)
 
 
 def _text_pieces(file: SteadyFile, robot: Robot, *, salvage: bool) -> Iterator[WheelLog]:

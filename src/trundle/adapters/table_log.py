@@ -31,7 +31,7 @@ from trundle.records import Reading, Trajectory, WheelLog
 from trundle.robot import Robot
 from trundle.robot.log_mapping import Kind, LogMapping, ReferenceMapping, ScalarMapping, TimeMapping, Unit
 
-__all__ = ["read_table_log", "table_log_pieces", "wheel_log_of"]
+__all__ = ["has_reference", "read_table_log", "table_log_pieces", "wheel_log_of"]
 
 Array = npt.NDArray[Any]
 
@@ -52,6 +52,17 @@ def read_table_log(path: Path, robot: Robot, mapping: LogMapping) -> WheelLog:
         ConfigError: If the mapping does not fit the robot, or is one of topics.
     """
     return wheel_log_of(open_table(path, mapping.table), robot, mapping)
+
+
+def has_reference(path: Path, robot: Robot, mapping: LogMapping) -> bool:
+    """Whether a table says where the robot really was.
+
+    Raises:
+        LogSchema: As `read_table_log`.
+        LogError: As `read_table_log`.
+        ConfigError: As `read_table_log`.
+    """
+    return _Plan(open_table(path, mapping.table), robot, mapping).mapping.reference is not None
 
 
 def table_log_pieces(path: Path, robot: Robot, mapping: LogMapping) -> Iterator[WheelLog]:

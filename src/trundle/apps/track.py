@@ -6,6 +6,7 @@ import dataclasses
 import importlib.util
 import math
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -16,6 +17,7 @@ from trundle.adapters.trajectory_format import holdings
 from trundle.apps.exit_code import ExitCode
 from trundle.apps.output_file import check_output
 from trundle.apps.progress import Progress
+from trundle.apps.travelled import Travelled
 from trundle.apps.wording import angle, counted, digits, labelled, length, seconds
 
 if TYPE_CHECKING:
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["track"]
 
+BYTES_A_STEP = 10_000_000  # about what a quarter of a million rows take
 _PICTURES = (".png", ".svg", ".pdf")
 
 Way = Literal["arc+", "arc", "midpoint", "euler", "symmetric"]
@@ -57,10 +60,11 @@ def track(
         sort: Put rows in the order of their stamps, however late they come; without it, up to one second.
         force: Replace files that exist.
     """
-    from trundle.adapters.log import read_log
+    from trundle.adapters.log import is_long, read_log
     from trundle.adapters.robot_yaml import load_robot
     from trundle.adapters.trajectory import TRAJECTORY_SUFFIXES, read_trajectory, write_trajectory
-    from trundle.apps.rejection import MOST, advice
+    from trundle.adapters.trajectory_pieces import SUFFIXES_IN_PIECES
+    from trundle.apps.rejection import advice
     from trundle.errors import InputError, LogError, MissingExtra
     from trundle.odometry.integrate import integrate
 
@@ -74,6 +78,9 @@ def track(
             raise MissingExtra("matplotlib", "plot")
 
     described = load_robot(robot)
+    plain = plot is None and reference is None and not sort and integrator != "symmetric"
+    if plain and output.suffix.lower() in SUFFIXES_IN_PIECES and is_long(log, described):
+        return _track_pieces(log, described, output, integrator, salvage=salvage, force=force)
     with Progress(4) as progress:
         progress.step(f"reading {log.name}")
         wheels = read_log(log, described, salvage=salvage, sort=sort)
@@ -90,12 +97,54 @@ def track(
             progress.step(f"drawing {plot.name}")
             _draw(trajectory, wheels, truth, described, plot)
 
-    for warning in (*wheels.warnings, *why, *remarks):
+    travelled = Travelled(warnings=(*wheels.warnings, *why, *remarks), losses=wheels.losses)
+    for _ in travelled.travel([trajectory]):
+        pass
+    return _tell(log, described, travelled, comparison, output, plot)
+
+
+def _track_pieces(
+    log: Path, robot: Robot, output: Path, integrator: Way, *, salvage: bool, force: bool
+) -> ExitCode:
+    """Read, integrate and write piece by piece, in memory that does not depend on the log's length."""
+    from trundle.adapters.log import read_log_pieces
+    from trundle.adapters.trajectory_pieces import write_trajectory_pieces
+    from trundle.apps.rejection import advice
+    from trundle.errors import LogError
+    from trundle.odometry.integrate import integrate_pieces
+
+    travelled = Travelled()
+
+    def told() -> Iterator[Trajectory]:
+        read = travelled.read(read_log_pieces(log, robot, salvage=salvage))
+        for piece in travelled.travel(integrate_pieces(robot, read, integrator=integrator)):
+            progress.step(f"{travelled.accepted} samples of {log.name} to {output.name}")
+            yield piece
+        travelled.warnings += tuple(advice(travelled.rejected, travelled.accepted, robot))
+        if not travelled.accepted:
+            raise LogError(log, "nothing", "; ".join(travelled.warnings))
+
+    with Progress(2 + log.stat().st_size // BYTES_A_STEP) as progress:
+        write_trajectory_pieces(told(), output, force=force)
+    return _tell(log, robot, travelled, None, output, None)
+
+
+def _tell(
+    log: Path,
+    robot: Robot,
+    travelled: Travelled,
+    comparison: Comparison | None,
+    output: Path,
+    plot: Path | None,
+) -> ExitCode:
+    from trundle.apps.rejection import MOST
+
+    for warning in travelled.warnings:
         print(f"trundle: warning: {warning}", file=sys.stderr)
-    print(f"{described.name}: {log}")
-    print(*labelled(_summary(trajectory, comparison, output, plot)), sep="\n")
-    refused = sum(trajectory.rejected.values())
-    partial = wheels.losses or refused > MOST * (refused + len(trajectory))
+    print(f"{robot.name}: {log}")
+    print(*labelled(_summary(travelled, comparison, output, plot)), sep="\n")
+    refused = travelled.rejected.total()
+    partial = travelled.losses or refused > MOST * (refused + travelled.accepted)
     return ExitCode.PARTIAL if partial else ExitCode.FINE
 
 
@@ -140,10 +189,11 @@ def _draw(
 
 
 def _summary(
-    trajectory: Trajectory, comparison: Comparison | None, output: Path, plot: Path | None
+    travelled: Travelled, comparison: Comparison | None, output: Path, plot: Path | None
 ) -> list[tuple[str, str]]:
-    accepted, refused = len(trajectory), sum(trajectory.rejected.values())
-    duration = trajectory.duration
+    accepted, refused = travelled.accepted, travelled.rejected.total()
+    duration, trajectory = travelled.duration, travelled.end
+    assert trajectory is not None  # a log that gives no pose has been refused
     rate = f", {digits((accepted - 1) / duration)} Hz" if duration else ""
     of = f" of {accepted + refused}" if refused else ""
     end = trajectory.pose(-1)
@@ -151,9 +201,9 @@ def _summary(
     heading = digits(math.degrees(math.remainder(end.theta, math.tau)))
     return [
         ("samples", f"{accepted}{of} accepted, {seconds(duration)}{rate}"),
-        ("rejected", counted(trajectory.rejected)),
-        ("events", counted(trajectory.events)),
-        ("distance", length(trajectory.distance)),
+        ("rejected", counted(travelled.rejected)),
+        ("events", counted(travelled.events)),
+        ("distance", length(travelled.distance)),
         ("end", f"x {x:.3f} m, y {y:.3f} m, heading {heading} deg"),
         ("1 sigma", _uncertainty(trajectory)),
         *(_errors(comparison) if comparison else ()),
