@@ -477,11 +477,10 @@ def test_swap_and_upside_down_gyro_are_told_apart_by_a_label():
 @pytest.mark.parametrize("witness", [*WITNESSES, "nobody"])
 def test_sound_robots_raise_nothing(witness):
     for name in DRIVES:
-        for seed in (1, 2):
-            diagnosis = diagnose(robot_of(name), heard(log_of(name, seed=seed), witness))
-            assert not diagnosis.findings, (name, seed, named(diagnosis))
-            assert not diagnosis.unexplained
-            assert diagnosis.score < 0.6 or not diagnosis.judged
+        diagnosis = diagnose(robot_of(name), heard(log_of(name, seed=1), witness))
+        assert not diagnosis.findings, (name, named(diagnosis))
+        assert not diagnosis.unexplained
+        assert diagnosis.score < 0.6 or not diagnosis.judged
 
 
 @pytest.mark.verify
@@ -618,7 +617,7 @@ def test_label_must_be_of_the_drive():
         diagnose(robot_of("differential"), log_of("differential"), label=Label(Drove.LEFT))
 
 
-@settings(max_examples=12)
+@settings(max_examples=6)
 @given(
     st.lists(
         st.sampled_from([0.0, 1.0, -3.0, 1e9, 1e300, -1e308, math.nan, math.inf]), min_size=12, max_size=12
@@ -822,7 +821,16 @@ def cures() -> Iterator[tuple[str, str, WheelLog]]:
     yield "frozen", WAGON, turned(wagon, freeze(2, 0))
 
 
-@pytest.mark.parametrize(("description", "log"), [pytest.param(d, x, id=name) for name, d, x in cures()])
+QUICK_CURES = ("swapped", "reversed", "half the track", "wraps", "rollers")
+
+
+@pytest.mark.parametrize(
+    ("description", "log"),
+    [
+        pytest.param(d, x, id=name, marks=() if name in QUICK_CURES else pytest.mark.verify)
+        for name, d, x in cures()
+    ],
+)
 def test_the_advised_lines_cure(doctor, tmp_path, description, log):
     """Whoever changes the lines that the doctor names has a description without faults."""
     code, out, _ = doctor(description, log)
@@ -872,17 +880,27 @@ def recordings(shared_data: Path, folder: str) -> list[Path]:
     return found
 
 
+def check_recording(robot: Robot, path: Path) -> None:
+    diagnosis = diagnose(robot, read_log(path, robot))
+    assert diagnosis.judged
+    assert not diagnosis.findings, (path, named(diagnosis))
+    assert not diagnosis.unexplained
+
+
+@pytest.mark.parametrize("folder", SETS)
+def test_a_recording_raises_nothing(folder, shared_data):
+    check_recording(load_robot(DESCRIPTIONS / f"{SETS[folder]}.yaml"), recordings(shared_data, folder)[0])
+
+
+@pytest.mark.verify
 @pytest.mark.parametrize("folder", SETS)
 def test_recordings_raise_nothing(folder, shared_data):
     robot = load_robot(DESCRIPTIONS / f"{SETS[folder]}.yaml")
     for path in recordings(shared_data, folder):
-        diagnosis = diagnose(robot, read_log(path, robot))
-        assert diagnosis.judged
-        assert not diagnosis.findings, (path, named(diagnosis))
-        assert not diagnosis.unexplained
+        check_recording(robot, path)
 
 
-@pytest.mark.parametrize("folder", ["optiodom/diff", "optiodom/omni4", "polimi_mecanum", "lego"])
+@pytest.mark.parametrize("folder", ["optiodom/diff", "optiodom/omni4", "lego"])
 def test_faults_put_into_recordings_are_named(folder, shared_data):
     robot = load_robot(DESCRIPTIONS / f"{SETS[folder]}.yaml")
     wheels = robot.drive.measured_names
@@ -890,5 +908,4 @@ def test_faults_put_into_recordings_are_named(folder, shared_data):
     order = [log.wheel_names.index(wheel) for wheel in wheels]
     for k, wheel in enumerate(wheels):
         assert (Fault.REVERSED, (wheel,)) in named(diagnose(robot, turned(log, times([order[k]], -1)))), wheel
-    if folder != "polimi_mecanum":  # its first bag never turns
-        assert (Fault.SWAPPED, wheels[:2]) in named(diagnose(robot, turned(log, swap(*order[:2]))))
+    assert (Fault.SWAPPED, wheels[:2]) in named(diagnose(robot, turned(log, swap(*order[:2]))))
