@@ -257,6 +257,12 @@ def fault_r2():
         assert bench.sample(stamp=bench.wall + wrong) is None
         bench.drive(1)
     assert bench.base.odometry.events["clock_reset"] == 1
+    # Nor does a clock that is set while nobody looks.
+    bench.base.deactivate()
+    bench.wall_ahead -= HOUR
+    bench.base.activate()
+    bench.drive(2)
+    assert bench.base.odometry.events["clock_reset"] == 2
     assert max(bench.base.odometry.state.upper) < 1e-2
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import signal
 import subprocess
 import sys
@@ -232,8 +233,8 @@ def fault_r6(live):
             assert np.linalg.eigvalsh(matrix).min() > 0.0
 
 
-ALONE = ("R2", "R5", "C11")  # rows that need a node of their own
-SHARED = ("K1", "K2", "K3", "K4", "K11", "K12", "R1", "R3", "R4", "R6")
+SHARED = ("C11", "K1", "K2", "K3", "K4", "K11", "K12", "R1", "R3", "R4", "R5", "R6")
+ALONE = ("R2",)  # needs another clock
 
 
 BROKEN = """
@@ -261,7 +262,7 @@ def test_ends(end, start):
         assert "ZeroDivisionError" in live.complaint()
     else:
         code, took = live.signal(getattr(signal, end))
-        assert took < 1.0
+        assert took < max(1.0, os.getloadavg()[0] / os.cpu_count())  # a second, where nobody else wants it
         assert "Traceback" not in live.complaint()
     assert code == {"SIGINT": 130, "SIGTERM": 143, "crash": 1}[end]
     assert live.wheels[-1] == [0.0, 0.0]
@@ -291,9 +292,8 @@ def set_parameters(live, **values):
     return "" if answer.successful else answer.reason
 
 
-def own_r5(start):
+def fault_r5(live):
     """Deactivated: one zero, then silence; activated again it waits for a new command."""
-    live = start().ready()
     live.until(lambda: moving(live), meanwhile=live.command)
     turn_to(live, "DEACTIVATE")
     live.spin(0.2)
@@ -309,7 +309,7 @@ def own_r5(start):
     live.until(lambda: moving(live), meanwhile=live.command)
 
 
-def own_r2(start):
+def fault_r2(start):
     """A simulation that begins anew, and time that is no longer simulated: the pose goes on."""
     from rosgraph_msgs.msg import Clock
 
@@ -349,9 +349,8 @@ def own_r2(start):
     live.until(lambda: moving(live), meanwhile=live.command)
 
 
-def own_c11(start):
+def fault_c11(live):
     """A set of parameters of which one is impossible changes nothing; a possible set changes all of it."""
-    live = start().ready()
 
     def turn():
         live.command(0.2, 2.0)
@@ -366,6 +365,7 @@ def own_c11(start):
     )
     assert "must be" in set_parameters(live, cmd_vel_timeout=0.0)
     assert "read-only" in set_parameters(live, update_rate=10.0)
+    assert set_parameters(live, wheel_separation=0.2, angular__z__max_velocity=4.0) == ""
 
 
 @pytest.mark.parametrize("row", [pytest.param(row, id=row) for row in (*SHARED, *ALONE)])
@@ -375,4 +375,4 @@ def test_fault(row, request):
         shared.rest()
         globals()[f"fault_{row.lower()}"](shared)
     else:
-        globals()[f"own_{row.lower()}"](request.getfixturevalue("start"))
+        globals()[f"fault_{row.lower()}"](request.getfixturevalue("start"))

@@ -200,8 +200,6 @@ class Base:
         if verdict is Verdict.DOUBTFUL:
             self.counts[f"refused {verdict.value}"] += 1
             return None
-        if verdict is Verdict.NEW_CLOCK and time_ns < self.odometry.state.time_ns:
-            self._begin_anew()
         sample = {
             "time_ns": time_ns,
             self.joints.keyword: reading.wheels,
@@ -214,6 +212,8 @@ class Base:
         command = None if self.command is None or self.settings.open_loop else self.command.wheels
         if self.odometry.drive is not self.settings.robot.drive:
             command = None  # what the wheels are told says nothing about the localizer's
+        if self.odometry.state.time_ns - sample["time_ns"] >= LEAP_NS:
+            self._begin_anew()
         state = self.odometry.update(**sample, command=command)
         if not state.accepted:
             return None

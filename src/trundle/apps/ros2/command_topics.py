@@ -51,6 +51,7 @@ class CommandTopics:
         self._names = [node.resolve_topic_name(topic) for topic in topics]
         self._kinds = dict.fromkeys(self._names, STAMPED)
         self._by_topic: dict[str, Any] = {}
+        self._anonymous = False
         for topic in self._names:
             self._subscribe(topic)
 
@@ -73,6 +74,7 @@ class CommandTopics:
             while (taken := subscription.handle.take_message(subscription.msg_type, False)) is not None:
                 message, info = taken
                 sender = info.get("publisher_gid") if isinstance(info, dict) else None
+                self._anonymous = not sender
                 source = Source(topic, sender["data"].hex() if sender else "", priority)
                 if self._kinds[topic] == PLAIN:
                     yield Command(messages.read_twist(message), source, None)
@@ -98,6 +100,18 @@ class CommandTopics:
             if bytes(one.endpoint_gid).hex() == source.publisher:
                 return f"{one.node_namespace.rstrip('/')}/{one.node_name} on {source.topic}"
         return source.topic
+
+    def crowded(self) -> list[str]:
+        """Sentences on topics where several controllers publish and nobody says who sent what."""
+        if not self._anonymous:
+            return []
+        counts = {topic: self._node.count_publishers(topic) for topic in self._names}
+        return [
+            f"{topic} has {count} publishers, and this ROS does not say who sent what: "
+            "give each controller a topic of its own in cmd_vel_topics"
+            for topic, count in counts.items()
+            if count > 1
+        ]
 
     def _subscribe(self, topic: str) -> None:
         from rclpy.event_handler import SubscriptionEventCallbacks

@@ -110,6 +110,11 @@ class Joints:
         self._count = len(robot.drive.wheel_names)
 
     @property
+    def names(self) -> list[str]:
+        """The joints that are read."""
+        return [joint.name for joint in self._wanted]
+
+    @property
     def factors(self) -> list[float]:
         """What makes readings of what the message says."""
         return [joint.factor for joint in self._wanted]

@@ -98,6 +98,11 @@ class RobotNode:
         self._every(1.0 / self.base.settings.update_rate, self._tick)
         self._every(0.1, self._commands.follow)
         self._every(1.0, self._diagnose)
+        joints, told = self.base.joints, self.base.joints.command(self.base.rest())
+        self._log.info(
+            f"{robot.name}: reads {', '.join(joints.names)} of {joints.topic}; "
+            f"drives {', '.join((*told.velocities, *told.positions))}"
+        )
         self._warn(*self._missing)
 
     def start(self) -> None:
@@ -360,7 +365,8 @@ class RobotNode:
             return
         holder = self.base.lease.holder
         driver = "" if holder is None else self._commands.sender(holder)
-        statuses = self._diagnostics.report(time.monotonic_ns(), found, self._missing, driver)
+        lacking = [*self._missing, *self._commands.crowded()]
+        statuses = self._diagnostics.report(time.monotonic_ns(), found, lacking, driver)
         array = self._status.msg_type(status=[self._status_message(one) for one in statuses])
         messages.write_stamp(array.header.stamp, self._clock_ns())
         self._status.publish(array)
