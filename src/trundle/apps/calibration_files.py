@@ -100,12 +100,13 @@ def _draw(path: Path, result: _Result) -> None:
 
 
 def _write_report(path: Path, result: _Result) -> None:
-    from trundle import __version__
+    from importlib.metadata import version
+
     from trundle.apps.calibration_report import report_page
 
     command = shlex.join(["trundle", *sys.argv[1:]])
     page = report_page(
-        result.found, result.judged, title=result.robot.name, command=command, version=__version__
+        result.found, result.judged, title=result.robot.name, command=command, version=version("trundle")
     )
     _write_text(path, page)
 
