@@ -62,7 +62,7 @@ def plot_errors(fits: Sequence[RunFit]) -> Figure:
 
 
 def plot_residuals(fits: Sequence[RunFit]) -> Figure:
-    """What is left of all samples after the calibration, beside what noise alone would leave."""
+    """What is left of all samples: the reference's own noise, and wider than that, what the wheels drift."""
     left = [fit.residuals[np.isfinite(fit.residuals)] for fit in fits]
     values = np.concatenate([*left, np.zeros(0)])
     figure = empty_figure(8.6, 2.9)
@@ -73,8 +73,10 @@ def plot_residuals(fits: Sequence[RunFit]) -> Figure:
     axis.hist(inside, edges, density=True, color=BLUE, alpha=0.55, label=f"{len(values)} residuals")
     middle = np.linspace(-WIDEST, WIDEST, 241)
     normal = np.exp(-0.5 * middle**2) / math.sqrt(math.tau)
-    axis.plot(middle, normal, color=INK, linewidth=1.2, dashes=(4, 2), label="noise alone")
-    axis.set_xlabel("residual [standard deviations]; what is further out stands at the edges")
+    axis.plot(middle, normal, color=INK, linewidth=1.2, dashes=(4, 2), label="the reference's noise alone")
+    axis.set_xlabel(
+        "residual [standard deviations of the reference]; wider is the wheels' drift; edges: beyond"
+    )
     axis.set_yticks([])
     axis.legend(frameon=False, fontsize=9, loc="upper right")
     return figure
