@@ -85,7 +85,7 @@ test-jax: .envs/jax/ready
 
 # The real node, in processes and on DDS domains of its own.
 test-ros2: .envs/ros2/ready
-	.envs/ros2/bin/python $(PYTEST) tests/ros2
+	.envs/ros2/bin/python $(PYTEST) --numprocesses=2 --dist=loadfile tests/ros2
 
 .PHONY: check
 check: .venv/ready
