@@ -70,7 +70,7 @@ def plot_residuals(fits: Sequence[RunFit]) -> Figure:
     style_axis(axis)
     edges = np.linspace(-WIDEST, WIDEST, 61)
     inside = np.clip(values, -WIDEST, WIDEST)
-    axis.hist(inside, edges, density=True, color=BLUE, alpha=0.55, label=f"{len(values)} residuals")
+    axis.hist(inside, edges.tolist(), density=True, color=BLUE, alpha=0.55, label=f"{len(values)} residuals")
     middle = np.linspace(-WIDEST, WIDEST, 241)
     normal = np.exp(-0.5 * middle**2) / math.sqrt(math.tau)
     axis.plot(middle, normal, color=INK, linewidth=1.2, dashes=(4, 2), label="the reference's noise alone")
