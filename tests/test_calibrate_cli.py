@@ -235,6 +235,19 @@ def test_other_tools_get_the_same_numbers(run, estimator, tmp_path):
     assert "kTrackWidth = 0.2061; // m" in java.read_text()
 
 
+def test_what_another_program_cannot_say_is_refused_before_the_work(run, estimator, tmp_path):
+    robot = tmp_path / "robot.yaml"
+    robot.write_text("drive: {type: tricycle, wheelbase: 0.3, wheel_radius: 0.03}\n")
+    output = tmp_path / "out.yaml"
+    words = ("calibrate", tmp_path / "no.csv", "--robot", robot, "-o", output)
+    code, _, err = run(*words, "--wpilib", tmp_path / "A.java")
+    assert code == 2
+    assert "tricycle: WPILib has kinematics for differential" in err
+    code, _, err = run(*words, "--myconfig", tmp_path / "m.py")
+    assert code == 2
+    assert "tricycle: donkeycar knows differential drives and cars" in err
+
+
 def test_report_holds_everything_and_needs_nothing(run, estimator, tmp_path):
     robot = tmp_path / "robot.yaml"
     robot.write_text(ROBOT.read_text().replace("name: rover", "name: <script>x</script> & $a_b$"))

@@ -95,6 +95,7 @@ def calibrate(
     from trundle.calibrate import calibrate as estimate
 
     described = load_robot(robot)
+    outputs.try_out(described)
     wanted = _split(parameters)
 
     with Progress(len(logs) + _MOST_GROUPS + 2) as progress:

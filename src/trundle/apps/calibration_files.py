@@ -65,6 +65,16 @@ class CalibrationFiles:
             if importlib.util.find_spec(package) is None:
                 raise MissingExtra(package, extra)
 
+    def try_out(self, robot: Robot) -> None:
+        """Refuse what has no words for such a robot, before the work is done.
+
+        Raises:
+            InputError: If another program knows no such drive.
+        """
+        for kind, path in self._paths.items():
+            if kind in _TEXTS:
+                _TEXTS[kind](path, robot, robot)
+
     def write(self, described: Path, found: Calibration, judged: HoldOut | None, *, trusted: bool) -> None:
         """Write pictures in any case, and numbers that robots drive by where they are trusted."""
         from trundle.apps.calibrated_robot import calibrated_robot
@@ -111,25 +121,41 @@ def _write_report(path: Path, result: _Result) -> None:
     _write_text(path, page)
 
 
-def _write_ros2(path: Path, result: _Result) -> None:
-    from trundle.adapters.robot_yaml import load_robot
+def _ros2_text(_path: Path, robot: Robot, nominal: Robot) -> str:
     from trundle.adapters.ros2_controllers import controllers_text
 
-    _write_text(path, controllers_text(result.robot, nominal=load_robot(result.described)))
+    return controllers_text(robot, nominal=nominal)
 
 
-def _write_myconfig(path: Path, result: _Result) -> None:
+def _myconfig_text(_path: Path, robot: Robot, _nominal: Robot) -> str:
     from trundle.adapters.myconfig import myconfig_text
 
-    _write_text(path, myconfig_text(result.robot))
+    return myconfig_text(robot)
 
 
-def _write_wpilib(path: Path, result: _Result) -> None:
+def _wpilib_text(path: Path, robot: Robot, _nominal: Robot) -> str:
     from trundle.adapters.wpilib_constants import wpilib_text
 
     java = path.suffix.lower() == ".java"
     name = path.stem if java else "DriveConstants"  # Java wants the class to be called like its file
-    _write_text(path, wpilib_text(result.robot, path.suffix.lower(), name=name))
+    return wpilib_text(robot, path.suffix.lower(), name=name)
+
+
+# What other programs read: the text of a file for a robot, and for what it was before.
+_TEXTS: Mapping[str, Callable[[Path, Robot, Robot], str]] = {
+    "ros2": _ros2_text,
+    "myconfig": _myconfig_text,
+    "wpilib": _wpilib_text,
+}
+
+
+def _write_for(kind: str) -> Callable[[Path, _Result], None]:
+    def write(path: Path, result: _Result) -> None:
+        from trundle.adapters.robot_yaml import load_robot
+
+        _write_text(path, _TEXTS[kind](path, result.robot, load_robot(result.described)))
+
+    return write
 
 
 def _write_text(path: Path, text: str) -> None:
@@ -155,9 +181,9 @@ class _Kind(NamedTuple):
 
 _KINDS: Mapping[str, _Kind] = {
     "robot": _Kind((".yaml", ".yml"), _write_robot, driven_by=True),
-    "ros2": _Kind((".yaml", ".yml"), _write_ros2, driven_by=True),
-    "myconfig": _Kind((".py",), _write_myconfig, driven_by=True),
-    "wpilib": _Kind((".java", ".py"), _write_wpilib, driven_by=True),
+    "ros2": _Kind((".yaml", ".yml"), _write_for("ros2"), driven_by=True),
+    "myconfig": _Kind((".py",), _write_for("myconfig"), driven_by=True),
+    "wpilib": _Kind((".java", ".py"), _write_for("wpilib"), driven_by=True),
     "picture": _Kind((".png", ".svg", ".pdf"), _draw, driven_by=False),
     "report": _Kind((".html",), _write_report, driven_by=False),
 }
