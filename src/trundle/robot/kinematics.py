@@ -577,9 +577,10 @@ class Kinematics:
         if turn is None and self._columns_of_turned is not None:
             x = y = theta = 0.0
             for (a, b, c), angle in zip(self._columns_of_turned, turned):  # noqa: B905 - the hot path
-                x += a * angle
-                y += b * angle
-                theta += c * angle
+                # Not `x += ...`: arrays and numbers with derivatives may take turns.
+                x = x + a * angle
+                y = y + b * angle
+                theta = theta + c * angle
             return x, y, theta
         return self._solver_for(turn is not None).solve(turned, steering, turn, trig)
 
