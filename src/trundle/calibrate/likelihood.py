@@ -184,9 +184,11 @@ def _linear(robot: Robot, run: Observed, parameters: Sequence[Parameter], state:
     by_parameter = by_frame @ path.slopes
     turned = _turned_into(frames[:, 2] + path.poses[:, 2])
     if fixes.mounted:
+        arm = _turned_into(mounting[2:]) @ np.array([*fixes.offset, 0.0])
+        by_mounting = turned @ _lever(arm)
         for axis, name in enumerate(("reference.x", "reference.y", "reference.theta")):
             if name in names:
-                by_parameter[:, :, names.index(name)] = turned[:, :, axis]
+                by_parameter[:, :, names.index(name)] = by_mounting[:, :, axis]
         if "clock" in names:
             velocity = path.twists.copy()
             velocity[:, 0] -= path.twists[:, 2] * mounting[1]
