@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from trundle.calibrate.run import Closed, Rolled, Run, Spun
-from trundle.errors import InputError
+from trundle.errors import InputError, TooFewData
 from trundle.records import Trajectory, WheelLog
 from trundle.robot import Robot
+from trundle.robot.log_mapping import Kind
 
 __all__ = ["Fixes", "fixes_of", "offset_of"]
 
@@ -34,6 +35,7 @@ class Fixes:
         mounted: A sensor saw them that may be mounted anywhere; else they are the robot's own.
         offset: Place (x, y) of the tracked point [m], where a reference without headings could not be moved
             to the robot's own.
+        chained: They were put together from motions in step with the log's rows: of one clock, and whole.
     """
 
     moments: Floats
@@ -42,6 +44,7 @@ class Fixes:
     whole_turns: bool = False
     mounted: bool = True
     offset: tuple[float, float] = (0.0, 0.0)
+    chained: bool = False
 
     def __len__(self) -> int:
         return len(self.moments)
@@ -66,14 +69,17 @@ def fixes_of(robot: Robot, run: Run, most: int) -> Fixes:
         most: Of more samples, every second, third, ... is used.
 
     Raises:
-        InputError: If nothing is known, or too little of it is beside the log.
+        InputError: If nothing is known.
+        TooFewData: If too little of it is beside the log.
     """
     log, reference = run.log, run.reference
     if reference is None:
         reference = log.reference
     match reference:
         case Trajectory():
-            return _seen(run, reference, most, offset_of(robot, reference))
+            own = run.reference is None or run.reference is log.reference
+            chained = own and _is_chained(robot)
+            return _seen(run, reference, most, offset_of(robot, reference), chained=chained)
         case Rolled(distance=distance, sigma=sigma):
             return _ends(log, (distance, math.nan, math.nan), (sigma, 0.01))
         case Spun(angle=angle, sigma=sigma):
@@ -92,7 +98,11 @@ def offset_of(robot: Robot, reference: Trajectory) -> tuple[float, float]:
     return robot.log.reference.mounting[:2]
 
 
-def _seen(run: Run, reference: Trajectory, most: int, offset: tuple[float, float]) -> Fixes:
+def _is_chained(robot: Robot) -> bool:
+    return robot.log.reference is not None and robot.log.reference.kind is Kind.INCREMENT
+
+
+def _seen(run: Run, reference: Trajectory, most: int, offset: tuple[float, float], *, chained: bool) -> Fixes:
     """What a sensor saw while the log ran."""
     stamps, poses = reference.time_ns, reference.poses
     inside = (stamps >= run.log.time_ns[0]) & (stamps <= run.log.time_ns[-1])
@@ -103,11 +113,13 @@ def _seen(run: Run, reference: Trajectory, most: int, offset: tuple[float, float
     rows = rows[np.concatenate([[True], np.diff(stamps[rows]) > 0])] if len(rows) else rows
     rows = rows[:: max(1, -(-len(rows) // most))]
     if len(rows) < FEWEST:
-        raise InputError(
+        raise TooFewData(
             f"{run.name or run.log.source}: {len(rows)} samples of the reference lie beside the log, "
             f"must be {FEWEST} or more; do their clocks agree?"
         )
-    return Fixes(moments=(stamps[rows] - run.log.time_ns[0]) * 1e-9, poses=poses[rows], offset=offset)
+    return Fixes(
+        moments=(stamps[rows] - run.log.time_ns[0]) * 1e-9, poses=poses[rows], offset=offset, chained=chained
+    )
 
 
 def _ends(

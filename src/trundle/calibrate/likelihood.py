@@ -80,6 +80,15 @@ class Fit:
     promised: float = 1.0
     iterations: int = 0
 
+    def of_runs(self, chosen: Sequence[int]) -> Fit:
+        """The same for some of the runs."""
+        return replace(
+            self,
+            frames=[self.frames[k] for k in chosen],
+            weights=[self.weights[k] for k in chosen],
+            joined=[self.joined[k] for k in chosen],
+        )
+
 
 def fit(
     robot: Robot,

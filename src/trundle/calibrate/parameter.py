@@ -15,7 +15,8 @@ from trundle.robot.log_mapping import ScalarMapping
 
 __all__ = ["DRIVE", "SENSOR", "Candidates", "Parameter", "candidates_of", "drive_with", "robot_with"]
 
-DRIVE, SENSOR = "drive", "sensor"
+DRIVE = "drive"
+SENSOR = "sensor"
 
 # Distances that only count together, by drive: the displacement depends on their sum, or on their scale.
 _TOGETHER = {
@@ -117,7 +118,10 @@ def candidates_of(
     angles = tuple(Parameter(f"steering.{name}.offset", "rad", 0.0, 0.1, SENSOR) for name in steering)
     gains = tuple(Parameter(f"steering.{name}.gain", "", 1.0, 1.0, SENSOR) for name in steering)
     carlike = len(angles) == 1
-    needed = (*(each if kind in _EACH_RADIUS else (one,)), *distances, *(angles if carlike else ()))
+    # Where a gyro says how it turns, distances between wheels hardly matter.
+    turning = () if drive.gyro else distances
+    apart = kind in _EACH_RADIUS and not drive.gyro
+    needed = (*(each if apart else (one,)), *turning, *(angles if carlike else ()))
     more: list[tuple[Parameter, ...]] = []
     if mounted:
         more.append(tuple(Parameter(f"reference.{axis}", "m", 0.0, 0.1, SENSOR) for axis in "xy"))
@@ -125,11 +129,12 @@ def candidates_of(
             more.append((Parameter("reference.theta", "rad", 0.0, 0.1, SENSOR),))
     if clock:
         more.append((Parameter("clock", "s", 0.0, 0.1, SENSOR),))
-    if len(each) > 1 and kind not in _EACH_RADIUS:
+    if len(each) > 1 and not apart:
         more.append(each)
     if drive.gyro:
         more.append((Parameter("gyro.bias", "rad/s", 0.0, 0.01, SENSOR),))
         more.append((Parameter("gyro.scale", "", 1.0, 1.0, SENSOR),))
+        more.append(distances)
     if kind == "skid_steer" and values["icr_left"] is None:
         more.append(tuple(_icr(drive)))
     more += [
@@ -138,9 +143,8 @@ def candidates_of(
     ]
     if angles and not carlike:
         more.append(angles)
-    if gains:
-        more.append(gains)
-    return Candidates(needed, tuple(more), (one,) if kind in _EACH_RADIUS else ())
+    # A gain of the steering and the wheelbase do nearly the same; few logs tell them apart well.
+    return Candidates(needed, tuple(more), (*((one,) if apart else ()), *gains))
 
 
 def _distances(drive: Kinematics, belief: float) -> Iterator[Parameter]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from trundle.calibrate.fixes import fixes_of
 from trundle.calibrate.frames import mirrored, residuals
 from trundle.calibrate.likelihood import Fit, Observed, belief_of, fit, information_of, tracked_points
 from trundle.calibrate.parameter import SENSOR, Candidates, Parameter, candidates_of, robot_with
-from trundle.calibrate.predicted_path import predict, readings_of
+from trundle.calibrate.predicted_path import Readings, predict, readings_of
 from trundle.calibrate.run import Run
 from trundle.calibrate.selection import Excitation, condition_of, open_directions, select, why_open
 from trundle.errors import Inconsistent, InputError, TooFewData, Unobservable
@@ -38,6 +38,10 @@ _WEAK = 0.005
 """A radius known no better than this deserves a longer drive (FAULTS.md B2)."""
 _SURE = 1.5
 _HALF = 0.5
+_LOOKS = 3
+_FOR_NOISE, _DRAWS = 12, 3  # runs, and how often their noise is drawn
+_SCATTERED = 8.0
+"""A reference whose errors are more than one part in so many of what was driven says nothing of it."""
 
 
 def calibrate(
@@ -90,15 +94,28 @@ def calibrate(
     _require_data(observed, asked)
 
     progress("looking at what the runs can tell")
-    about = fit(robot, observed, (), prior=prior)
-    chosen, refused = _choose(robot, observed, candidates, asked, about, prior, grow=parameters is None)
-    _require_observable(robot, observed, chosen, about, driven, prior)
-    found = fit(robot, observed, chosen, prior=prior, progress=progress)
-    _require_agreement(observed, found)
+    chosen: tuple[Parameter, ...] = ()
+    refused: list[tuple[str, ...]] = []
+    found = _unbiased(fit(robot, observed, (), prior=prior))
+    if parameters is None:
+        asked = _radii_told(robot, observed, candidates, asked, found, prior)
+    # The first look takes the description's word for the noise, later ones what the fit before has found.
+    for _ in range(_LOOKS):
+        again, refused = _choose(robot, observed, candidates, asked, found, prior, grow=parameters is None)
+        if again == chosen:
+            break
+        _require_observable(robot, observed, again, found, driven, prior)
+        chosen, found = again, fit(robot, observed, again, prior=prior, progress=progress)
+    _require_agreement(robot, observed, found)
     return _result(robot, observed, chosen, found, [why_open(names, driven) for names in refused], refused)
 
 
 # --- before ------------------------------------------------------------------------------------
+
+
+def _unbiased(nominal: Fit) -> Fit:
+    """A fit of no number, in which their errors do not count as noise of the wheels."""
+    return replace(nominal, levels=replace(nominal.levels, wheels=min(nominal.levels.wheels, 1.0)))
 
 
 def _check(robot: Robot, observed: Sequence[Observed]) -> Excitation:
@@ -133,7 +150,7 @@ def _candidates(
         names,
         mounted=mounting is not False and any(one.positions for one in seen),
         headings=any(one.headings for one in seen),
-        clock=clock and bool(seen),
+        clock=clock and any(not one.chained for one in seen),
     )
 
 
@@ -161,7 +178,12 @@ def _choose(
     groups = candidates.more
     if not grow:
         groups = tuple(group for group in groups if group[0].name.startswith(("reference.", "clock")))
-    return select(asked, groups, lambda trial: _information(robot, observed, trial, about, prior))
+    return select(
+        asked,
+        groups,
+        lambda trial: _information(robot, observed, trial, about, prior),
+        lambda trial: _spurious(robot, observed, trial, about),
+    )
 
 
 def _information(
@@ -170,6 +192,54 @@ def _information(
     nominal = np.array([one.nominal for one in parameters], dtype=float)
     information = information_of(robot, observed, parameters, about, nominal)
     return information + belief_of(parameters) if prior else information
+
+
+def _radii_told(
+    robot: Robot,
+    observed: Sequence[Observed],
+    candidates: Candidates,
+    asked: tuple[Parameter, ...],
+    about: Fit,
+    prior: bool,
+) -> tuple[Parameter, ...]:
+    """One radius for all wheels where nothing but the difference between them stays open."""
+    information = _information(robot, observed, asked, about, prior)
+    directions = open_directions(asked, information, _spurious(robot, observed, asked, about))
+    names = {name for direction in directions for name in direction}
+    if not names or not all(name.startswith("wheel_radius.") for name in names):
+        return asked
+    (common,) = candidates.named(["wheel_radius"])
+    return (common, *(one for one in asked if not one.name.startswith("wheel_radius.")))
+
+
+def _spurious(
+    robot: Robot, observed: Sequence[Observed], parameters: Sequence[Parameter], about: Fit
+) -> Floats:
+    """What the noise of the wheels seems to tell: by how much as much noise again would add.
+
+    Source:
+        Cook, Stefanski 1994, "Simulation-extrapolation estimation in parametric measurement error models".
+    """
+    nominal = np.array([one.nominal for one in parameters], dtype=float)
+    some = sorted({int(k) for k in np.linspace(0, len(observed) - 1, min(len(observed), _FOR_NOISE))})
+    runs = [observed[k] for k in some]
+    chosen = about.of_runs(some)
+    share = len(observed) / len(runs)
+    plain = information_of(robot, runs, parameters, chosen, nominal)
+    draw = np.random.default_rng(0)
+    noisy = np.zeros_like(plain)
+    for _ in range(_DRAWS):
+        shaken = [replace(run, readings=_shaken(robot, run.readings, about, draw)) for run in runs]
+        noisy += information_of(robot, shaken, parameters, chosen, nominal) / _DRAWS
+    return share * (noisy - plain)
+
+
+def _shaken(robot: Robot, readings: Readings, about: Fit, draw: np.random.Generator) -> Readings:
+    """The readings with as much noise of the wheels again."""
+    drive = robot.measuring
+    radii = np.array([drive.wheel(name).radius for name in drive.measured_names])[:, np.newaxis]
+    sigma = about.levels.wheels * robot.noise.wheel_distance * np.sqrt(np.abs(readings.turned) / radii)
+    return replace(readings, turned=readings.turned + sigma * draw.standard_normal(sigma.shape))
 
 
 def _require_observable(
@@ -181,7 +251,7 @@ def _require_observable(
     prior: bool,
 ) -> None:
     information = _information(robot, observed, chosen, about, prior)
-    directions = open_directions(chosen, information)
+    directions = open_directions(chosen, information, _spurious(robot, observed, chosen, about))
     if directions:
         words, cure = zip(*(why_open(names, driven) for names in directions), strict=True)
         raise Unobservable(
@@ -194,7 +264,7 @@ def _require_observable(
 # --- after -------------------------------------------------------------------------------------
 
 
-def _require_agreement(observed: Sequence[Observed], found: Fit) -> None:
+def _require_agreement(robot: Robot, observed: Sequence[Observed], found: Fit) -> None:
     total = sum(len(run.fixes) for run in observed)
     inliers = _inliers(found)
     if inliers < _HALF * total:
@@ -202,6 +272,18 @@ def _require_agreement(observed: Sequence[Observed], found: Fit) -> None:
             f"{total - inliers} of {total} samples of the reference contradict the wheels, more than half: "
             "is it this robot's, in metres and radians, and do the clocks agree?"
         )
+    wide = max((_width(robot, run) for run in observed), default=0.0)
+    if 0.0 < wide < _SCATTERED * found.levels.position:
+        scatter = f"{found.levels.position:.2g} m about paths that are {wide:.2g} m wide"
+        raise Inconsistent(f"the reference scatters by {scatter}: is it of this robot?")
+
+
+def _width(robot: Robot, run: Observed) -> float:
+    """How wide the path is where a sensor saw it [m]; 0 where none did."""
+    if run.fixes.sigma is not None or not run.fixes.positions:
+        return 0.0
+    path = predict(robot, run.readings, (), np.zeros(0), run.fixes.moments).poses[:, :2]
+    return float(np.hypot(*np.ptp(path, axis=0)))
 
 
 def _inliers(found: Fit) -> int:

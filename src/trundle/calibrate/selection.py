@@ -18,8 +18,16 @@ MOST_CONDITION = 1e5
 """Condition of the information about the drive, every number measured against its size (FAULTS.md B1)."""
 _BLURRED = 0.2
 """A number of the drive that is known no better than this part of its size is not known."""
-_USEFUL = {"reference.x": 0.03, "reference.y": 0.03, "reference.theta": 0.05, "clock": 0.05}
+_USEFUL = {
+    "reference.x": 0.03,
+    "reference.y": 0.03,
+    "reference.theta": 0.05,
+    "clock": 0.05,
+    "gyro.bias": 0.005,
+}
 _USEFUL_RATIO = 0.05
+_ABOVE_NOISE = 3.0
+"""Times what the noise of the wheels alone would seem to tell: jittering readings look like small turns."""
 _SHARE = 0.3  # of a direction, below which a number hardly takes part in it
 
 
@@ -52,16 +60,28 @@ def condition_of(parameters: Sequence[Parameter], information: Floats) -> float:
     return float("inf") if sizes[0] <= 0.0 else float(sizes[-1] / sizes[0])
 
 
-def open_directions(parameters: Sequence[Parameter], information: Floats) -> list[tuple[str, ...]]:
-    """Names of the drive's numbers that cannot be told, or not apart; none where all is well."""
+def open_directions(
+    parameters: Sequence[Parameter], information: Floats, spurious: Floats
+) -> list[tuple[str, ...]]:
+    """Names of the drive's numbers that cannot be told, or not apart; none where all is well.
+
+    Args:
+        parameters: What the information is about.
+        information: Shape (parameters, parameters).
+        spurious: What of it the noise of the wheels would give where nothing is driven for it.
+    """
     scaled = _about_drive(parameters, information)
     drive = [one for one in parameters if one.part == DRIVE]
     if not drive:
         return []
+    rows = [k for k, one in enumerate(parameters) if one.part == DRIVE]
+    lengths = np.array([one.size for one in drive])
+    noise = spurious[np.ix_(rows, rows)] * np.outer(lengths, lengths)
     sizes, directions = np.linalg.eigh(scaled)
     found = []
     for size, direction in zip(sizes, directions.T, strict=True):
-        if size * MOST_CONDITION < sizes[-1] or size * _BLURRED**2 < 1.0:
+        weak = size * MOST_CONDITION < sizes[-1] or size * _BLURRED**2 < 1.0
+        if weak or size < _ABOVE_NOISE * (direction @ noise @ direction):
             strong = np.abs(direction) > _SHARE * np.abs(direction).max()
             found.append(tuple(one.name for one, takes in zip(drive, strong, strict=True) if takes))
     return found
@@ -71,6 +91,7 @@ def select(
     asked: Sequence[Parameter],
     groups: Sequence[tuple[Parameter, ...]],
     information: Callable[[Sequence[Parameter]], Floats],
+    spurious: Callable[[Sequence[Parameter]], Floats],
 ) -> tuple[tuple[Parameter, ...], list[tuple[str, ...]]]:
     """What to find, and the groups that cannot be.
 
@@ -78,13 +99,16 @@ def select(
         asked: What must be found.
         groups: What joins it, group by group, as long as all can be told.
         information: What the logs say about some parameters.
+        spurious: What of it is noise, see `open_directions`.
     """
     chosen, refused = tuple(asked), []
     for group in groups:
         if all(one in chosen for one in group):
             continue
         trial = _joined(chosen, group)
-        if _told(trial, information(trial), group):
+        drives = any(one.part == DRIVE for one in group)
+        noise = spurious(trial) if drives else np.zeros((len(trial), len(trial)))
+        if _told(trial, information(trial), noise, group):
             chosen = trial
         else:
             refused.append(tuple(one.name for one in group))
@@ -98,8 +122,10 @@ def _joined(chosen: tuple[Parameter, ...], group: tuple[Parameter, ...]) -> tupl
     return (*(one for one in chosen if one.name not in gone), *group)
 
 
-def _told(parameters: Sequence[Parameter], information: Floats, group: Sequence[Parameter]) -> bool:
-    if open_directions(parameters, information):
+def _told(
+    parameters: Sequence[Parameter], information: Floats, noise: Floats, group: Sequence[Parameter]
+) -> bool:
+    if open_directions(parameters, information, noise):
         return False
     size = np.array([one.size for one in parameters])
     scaled = information * np.outer(size, size)
