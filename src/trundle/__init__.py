@@ -26,7 +26,9 @@ if TYPE_CHECKING:
     from trundle.adapters.wheel_log_csv import write_log
     from trundle.command import CommandPipeline, FeedForward, MotorUnits, Saturation, Watchdog, saturate
     from trundle.errors import (
+        CalibrationError,
         ConfigError,
+        Inconsistent,
         Infeasible,
         InputError,
         LogCorrupt,
@@ -35,10 +37,12 @@ if TYPE_CHECKING:
         LogSchema,
         LogTruncated,
         MissingExtra,
+        NotConverged,
         OutputError,
         PathError,
         ShapeError,
         Singular,
+        TooFewData,
         TrundleError,
         Unobservable,
     )
@@ -75,6 +79,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Ackermann",
     "Bicycle",
+    "CalibrationError",
     "CommandPipeline",
     "Comparison",
     "ConfigError",
@@ -83,6 +88,7 @@ __all__ = [
     "Encoder",
     "FeedForward",
     "FourWheelSteering",
+    "Inconsistent",
     "Infeasible",
     "InputError",
     "Integrator",
@@ -98,6 +104,7 @@ __all__ = [
     "MissingExtra",
     "MotorUnits",
     "Noise",
+    "NotConverged",
     "OdometryState",
     "Omni",
     "OutputError",
@@ -110,6 +117,7 @@ __all__ = [
     "Singular",
     "SkidSteer",
     "Swerve",
+    "TooFewData",
     "TrackingWheels",
     "Trajectory",
     "Tricycle",
@@ -149,9 +157,9 @@ _HOMES = {
     "trundle.adapters.wheel_log_csv": "write_log",
     "trundle.command": "CommandPipeline FeedForward MotorUnits Saturation Watchdog saturate",
     "trundle.errors": (
-        "ConfigError Infeasible InputError LogCorrupt LogError LogLimit LogSchema "
-        "LogTruncated MissingExtra OutputError PathError ShapeError Singular TrundleError "
-        "Unobservable "
+        "CalibrationError ConfigError Inconsistent Infeasible InputError LogCorrupt "
+        "LogError LogLimit LogSchema LogTruncated MissingExtra NotConverged OutputError "
+        "PathError ShapeError Singular TooFewData TrundleError Unobservable "
     ),
     "trundle.evaluate": "Comparison compare",
     "trundle.geometry": "Pose2D Twist2D wrap",
