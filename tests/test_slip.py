@@ -536,3 +536,50 @@ def test_bias_is_a_running_mean() -> None:
         standstill.step([0.0, 0.0], DT, rate)
     assert standstill.bias == pytest.approx(shown.mean(), rel=1e-9)
     assert standstill.doubt == pytest.approx(5e-4)
+
+
+# --- what no reading says ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pause", [1.5, 20.0])
+def test_a_gyro_says_nothing_of_a_gap(pause: float) -> None:
+    """A robot that circles, is paused, and circles on: the heading by its wheels, and nothing slipped."""
+    odometry = WheelOdometry(tr.Robot(drive=DRIVES["differential+gyro"], noise=NOISE))
+    omega, clock, way = 0.8, 0.0, 0.0
+    for k in range(400):
+        clock += pause if k == 200 else DT
+        way += DT if k else 0.0
+        wheels = [(0.5 * way - side * omega * way) / R for side in (0.5 * TRACK, -0.5 * TRACK)]
+        state = odometry.update(clock, wheels, yaw_rate=omega)
+    assert odometry.events == {"gap": 1}
+    assert state.pose.theta == pytest.approx(omega * way, abs=1e-6)
+
+
+def test_a_heading_that_only_the_gyro_knows_is_doubted_after_a_gap() -> None:
+    drive = tr.TrackingWheels(
+        [(0.1, 0.2, 0.0), (-0.1, 0.0, math.pi / 2)], R, measured=("wheel_1", "wheel_2", "gyro")
+    )
+    robot = tr.Robot(drive=drive, noise=NOISE, limits=tr.Limits(max_speed=1.0, max_yaw_rate=0.5))
+    odometry = WheelOdometry(robot)
+    odometry.update(0.0, [0.0, 0.0], yaw_rate=0.1)
+    odometry.update(0.02, [0.1, 0.0], yaw_rate=0.1)
+    sigmas = []
+    for pause, way in ((1.2, 0.2), (1.2, 0.2), (100.0, 0.3)):
+        before = odometry.state.covariance[2][2]
+        state = odometry.update(odometry.state.time_ns * 1e-9 + pause, [way, 0.0], yaw_rate=0.1)
+        assert state.reason == "gap"
+        sigmas.append(math.sqrt(state.covariance[2][2] - before))
+    assert sigmas[0] == pytest.approx(0.5 * 1.2, rel=0.01)
+    assert sigmas[1] < 0.01  # it stood
+    assert sigmas[2] == pytest.approx(math.pi / math.sqrt(3.0), rel=0.01)  # any heading
+
+
+def test_lost_increments_are_no_slip() -> None:
+    """The gyro saw more of that step than the wheels could say."""
+    odometry = WheelOdometry(tr.Robot(drive=DRIVES["differential+gyro"], noise=NOISE))
+    steps = [[(0.5 - side * 0.8) * DT / R for side in (0.5 * TRACK, -0.5 * TRACK)]] * 400
+    for k, step in enumerate(steps):
+        lost = 200 <= k < 240
+        state = odometry.update(k * DT, increments=[math.nan, 0.0] if lost else step, yaw_rate=0.8)
+        assert (state.reason == "increments_lost") is (k == 240)
+    assert not odometry.events

@@ -47,6 +47,7 @@ Drift = tuple[float, float, float]
 CLOCK_RESOLUTION_NS = 1_000  # S5: nothing is divided by less
 CLOCK_RESET_NS = 1_000_000_000  # S6: time that goes back by more belongs to a new clock
 FOLD = 256  # steps that are summed before they are added to the sums of all
+ANY_HEADING = math.pi / math.sqrt(3.0)  # standard deviation of a heading of which nothing is known [rad]
 PATIENCE = 3  # S12: this many implausible samples in a row are the new normal
 
 
@@ -461,7 +462,7 @@ class WheelOdometry:
         turn = None
         if self._special:
             if self._has_gyro:
-                turn = self._gyro_turn(yaw_rate, seconds)
+                turn = self._gyro_turn(yaw_rate, elapsed)
                 if turn is None and self._needs_gyro:
                     return self._reject("no_gyro")
                 if turn is not None and not isfinite(turn):
@@ -513,7 +514,7 @@ class WheelOdometry:
             gains = self.errors.gains(middle, turn is not None)
             noise = self.errors.noise(gains, turned, measured, seconds, turn is not None)
             if reason == "gap":
-                noise = _unknown_path(noise, dx, dy)
+                noise = _unknown_path(noise, dx, dy, self._unseen_turn(turned, dt, seconds))
             self._step_noise, self._step_seconds = noise, seconds
             self._covariance = propagate(
                 self._covariance, (dx, dy, dt), noise, chord=self._chord, lead=self._lead
@@ -521,7 +522,12 @@ class WheelOdometry:
             self._quantum = gains[2]
             if self._drifts:
                 self._drift_on(self.errors.drift(gains, turned, measured, turn), (dx, dy, dt))
-            if self.slip is not None and self.slip.step(turned, middle, turn, seconds, measured):
+            # A step that is not like the others has no part in what the wheels agree on.
+            if (
+                self.slip is not None
+                and not reason
+                and self.slip.step(turned, middle, turn, seconds, measured)
+            ):
                 reason = self._judge_slip(gains[0]) or reason
             if 0.0 in every or self._suspects:
                 reason = self._watch_frozen(every, middle, turn, seconds, measured, command) or reason
@@ -800,6 +806,12 @@ class WheelOdometry:
         if self.errors is not None:
             self._covariance = (xx + sigma**2, xy, yy + sigma**2, xt, yt, tt + turn**2)
 
+    def _unseen_turn(self, turned: Numbers, turn: float, seconds: float) -> float:
+        """How far the heading after a gap may be off [rad] where only a rate at its ends is known of it."""
+        if not self._needs_gyro or not any(turned):
+            return 0.0
+        return min(max(seconds * self.plausible.body_speed[1], abs(turn)), ANY_HEADING)
+
     def _count_event(self, name: str) -> None:
         self.events[name] = self.events.get(name, 0) + 1
 
@@ -833,14 +845,20 @@ class WheelOdometry:
             turned.append(counts * encoder.radians_per_tick)
         return turned
 
-    def _gyro_turn(self, yaw_rate: float | None, seconds: float) -> float | None:
-        """What the gyro turned in the step [rad], None where it was silent."""
+    def _gyro_turn(self, yaw_rate: float | None, elapsed: int) -> float | None:
+        """What the gyro turned in the step [rad], None where it was silent.
+
+        Over a gap a rate says nothing: only a drive that knows no better takes it, and doubts it.
+        """
         if yaw_rate is None or self._yaw_rate is None:
             if yaw_rate is None and self._yaw_rate is not None:
                 self._count_event("gyro_dropout")
             return None
         if not isfinite(yaw_rate):
             return math.nan
+        if elapsed > self.max_gap_ns and not self._needs_gyro:
+            return None
+        seconds = elapsed * 1e-9
         if self._commutes and self._before is not None and self._earlier_yaw_rate is not None:
             h0, h1 = self._before_ns * 1e-9, seconds
             mean: float = mean_rate(self._earlier_yaw_rate, self._yaw_rate, yaw_rate, h0, h1)
@@ -918,8 +936,11 @@ def _is_finite(value: float) -> bool:
         raise InputError(f"update: {value!r} is not a number") from None
 
 
-def _unknown_path(noise: Six, dx: float, dy: float) -> Six:
-    """After a gap only the ends of the step are known: the robot is within the disc that its wheels span."""
+def _unknown_path(noise: Six, dx: float, dy: float, turn: float) -> Six:
+    """After a gap only the ends of the step are known: the robot is within the disc that its wheels span.
+
+    `turn`: how far the heading at its end may be off [rad].
+    """
     xx, xy, yy, xt, yt, tt = noise
     spread = 0.25 * (dx * dx + dy * dy)  # a disc of radius d has a variance of d^2 / 4 along each axis
-    return (xx + spread, xy, yy + spread, xt, yt, tt)
+    return (xx + spread, xy, yy + spread, xt, yt, tt + turn * turn)
