@@ -14,10 +14,17 @@ from trundle.calibrate.calibration import Calibration, Estimate, RunFit, Unobser
 from trundle.calibrate.fixes import fixes_of
 from trundle.calibrate.frames import mirrored, residuals
 from trundle.calibrate.likelihood import Fit, Observed, belief_of, fit, information_of, tracked_points
-from trundle.calibrate.parameter import SENSOR, Candidates, Parameter, candidates_of, robot_with
+from trundle.calibrate.parameter import DRIVE, SENSOR, Candidates, Parameter, candidates_of, robot_with
 from trundle.calibrate.predicted_path import Readings, predict, readings_of
 from trundle.calibrate.run import Run
-from trundle.calibrate.selection import Excitation, condition_of, open_directions, select, why_open
+from trundle.calibrate.selection import (
+    Excitation,
+    condition_of,
+    open_directions,
+    select,
+    why_open,
+    without_scale,
+)
 from trundle.errors import Inconsistent, InputError, TooFewData, Unobservable
 from trundle.evaluate import align
 from trundle.geometry import se2
@@ -135,7 +142,12 @@ def _check(robot: Robot, observed: Sequence[Observed]) -> Excitation:
             )
     if distance + left + right == 0.0:
         raise TooFewData("the wheels stand still in all runs: nothing can be learnt from them")
-    return Excitation(distance, left, right)
+    return Excitation(distance, left, right, _measured(observed))
+
+
+def _measured(observed: Sequence[Observed]) -> bool:
+    """Whether any reference says how far it went."""
+    return any(bool(np.nan_to_num(run.fixes.poses[:, :2]).any()) for run in observed)
 
 
 def _candidates(
@@ -191,7 +203,18 @@ def _information(
 ) -> Floats:
     nominal = np.array([one.nominal for one in parameters], dtype=float)
     information = information_of(robot, observed, parameters, about, nominal)
+    if not _measured(observed) and _scalable(robot, parameters):
+        information = without_scale(parameters, information)
     return information + belief_of(parameters) if prior else information
+
+
+def _scalable(robot: Robot, parameters: Sequence[Parameter]) -> bool:
+    """Whether all lengths that make the path may change together."""
+    names = {one.name for one in parameters if one.part == DRIVE}
+    radii = {name for name in names if name.startswith("wheel_radius")}
+    each = {f"wheel_radius.{name}" for name in robot.measuring.measured_names}
+    turns = robot.measuring.gyro or names > radii
+    return turns and ("wheel_radius" in radii or each <= radii)
 
 
 def _radii_told(

@@ -10,7 +10,15 @@ import numpy.typing as npt
 
 from trundle.calibrate.parameter import DRIVE, Parameter
 
-__all__ = ["MOST_CONDITION", "Excitation", "condition_of", "open_directions", "select", "why_open"]
+__all__ = [
+    "MOST_CONDITION",
+    "Excitation",
+    "condition_of",
+    "open_directions",
+    "select",
+    "why_open",
+    "without_scale",
+]
 
 Floats = npt.NDArray[np.float64]
 
@@ -39,11 +47,13 @@ class Excitation:
         distance: [m].
         left: Heading gone through to the left [rad].
         right: To the right [rad].
+        measured: Whether any reference says how far it went; loops that close do not.
     """
 
     distance: float
     left: float
     right: float
+    measured: bool = True
 
     @property
     def turned(self) -> float:
@@ -85,6 +95,18 @@ def open_directions(
             strong = np.abs(direction) > _SHARE * np.abs(direction).max()
             found.append(tuple(one.name for one, takes in zip(drive, strong, strict=True) if takes))
     return found
+
+
+def without_scale(parameters: Sequence[Parameter], information: Floats) -> Floats:
+    """The information less that about the size of all lengths together.
+
+    How far off a loop closes seems to tell the robot's size: a smaller one closes it better, one of no size
+    best of all.
+    """
+    scale = np.array([one.nominal if one.part == DRIVE else 0.0 for one in parameters])
+    about = information @ scale
+    less: Floats = information - np.outer(about, about) / max(float(about @ scale), 1e-300)
+    return less
 
 
 def select(
@@ -156,6 +178,9 @@ def why_open(names: Sequence[str], driven: Excitation) -> tuple[str, str]:
     """In words, why these cannot be told, and what to drive."""
     which = " and ".join(names) if len(names) < 3 else f"{', '.join(names[:-1])} and {names[-1]}"
     cannot = f"{which} cannot be told" + (" apart" if len(names) > 1 else "")
+    if not driven.measured:
+        way = "nothing says how far these logs went, and a robot of any size could have driven so"
+        return f"{way}: {cannot}", "drive 10 m straight on as well, and measure them"
     if driven.turned < 0.5 * max(driven.distance, 0.1):
         way = f"these logs hardly turn ({np.degrees(driven.turned):.0f} degrees over {driven.distance:.1f} m)"
         return f"{way}: {cannot}", "turn as well, to the left and to the right by several whole turns"
