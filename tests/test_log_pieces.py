@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import struct
 from collections import Counter
+from functools import cache
 
 import numpy as np
 import pytest
+from rosbags.typesys import Stores, get_typestore
 
 import trundle as tr
+from trundle.adapters.bag_log import bag_log_pieces
 from trundle.adapters.log import read_log_pieces
+from trundle.adapters.mcap_writer import Channel, McapWriter
 from trundle.adapters.text_table import TextTable
 from trundle.adapters.trajectory_pieces import write_trajectory_pieces
 from trundle.apps.cli import main
 from trundle.odometry.integrate import integrate_pieces
+from trundle.robot.log_mapping import Clock, LogMapping, TwistMapping, WheelMapping
 
 DRIVE = tr.Differential(track_width=0.2, wheel_radius=0.04)
 TABLES = {
@@ -28,6 +34,7 @@ def small_pieces(monkeypatch):
     whole = TextTable.pieces
     monkeypatch.setattr("trundle.adapters.text_table.BLOCK", 1500)
     monkeypatch.setattr(TextTable, "pieces", lambda self, wanted: whole(self, wanted, 200))
+    monkeypatch.setattr("trundle.adapters.bag_log.PIECE", 100)
 
 
 def written(path, name, count, change=lambda rows: rows):
@@ -42,12 +49,16 @@ def robot():
     )
 
 
-def check(path):
-    whole, pieces = tr.read_log(path, robot()), list(read_log_pieces(path, robot()))
-    assert len(pieces) > 4
-    for column in ("time_ns", "wheels"):
-        joined = np.concatenate([getattr(piece, column) for piece in pieces])
-        assert joined.tobytes() == getattr(whole, column).tobytes()
+def check(path, described=None, *, least=5, **how):
+    described = described or robot()
+    whole = tr.read_log(path, described, **how)
+    pieces = list(read_log_pieces(path, described, **how))
+    assert len(pieces) >= least
+    for column in ("time_ns", "wheels", "twists"):
+        if (expected := getattr(whole, column)) is not None:
+            joined = np.concatenate([getattr(piece, column) for piece in pieces])
+            assert joined.tobytes() == expected.tobytes()
+    assert [loss for piece in pieces for loss in piece.losses] == list(whole.losses)
     assert sum((Counter(piece.rejected) for piece in pieces), Counter()) == Counter(whole.rejected)
     assert sorted(said for piece in pieces for said in piece.warnings) == sorted(whole.warnings)
     return whole
@@ -136,6 +147,142 @@ def test_a_reading_that_fails_leaves_no_file(tmp_path):
 def test_formats_with_an_end_are_refused(tmp_path):
     with pytest.raises(tr.InputError, match="cannot be written in pieces"):
         write_trajectory_pieces([], tmp_path / "out.mcap")
+
+
+# ----------------------------------------------------------------------------------------- MCAP
+
+JOINTS, ODOMETRY = "sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry"
+NAMES = ("left", "right")
+START = 10**18
+
+
+@cache
+def store():
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+def header(ns):
+    kinds = store().types
+    stamp = kinds["builtin_interfaces/msg/Time"](ns // 10**9, ns % 10**9)
+    return kinds["std_msgs/msg/Header"](stamp, "base_link")
+
+
+def joints(k, *, names=NAMES, stamped=True):
+    turned = {"left": 0.1 * k, "right": 0.11 * k, "other": 7.0}
+    values = np.array([turned[name] for name in names])
+    ns = START + 20_000_000 * k if stamped else 0
+    message = store().types[JOINTS](header(ns), list(names), values, values, np.zeros(0))
+    return bytes(store().serialize_cdr(message, JOINTS))
+
+
+def odometry(k):
+    kinds = {name.rpartition("/")[2]: kind for name, kind in store().types.items()}
+    twist = kinds["Twist"](kinds["Vector3"](0.1 + 1e-3 * k, 0.0, 0.0), kinds["Vector3"](0.0, 0.0, 0.2))
+    pose = kinds["Pose"](kinds["Point"](0.0, 0.0, 0.0), kinds["Quaternion"](0.0, 0.0, 0.0, 1.0))
+    message = kinds["Odometry"](
+        header(START + 20_000_000 * k),
+        "base_link",
+        kinds["PoseWithCovariance"](pose, np.zeros(36)),
+        kinds["TwistWithCovariance"](twist, np.zeros(36)),
+    )
+    return bytes(store().serialize_cdr(message, ODOMETRY))
+
+
+def recorded(path, message=joints, kind=JOINTS, chunks=None, indexed=lambda ns: ns):
+    """An MCAP of messages by their numbers, chunk by chunk; each received 5 ms after its stamp."""
+    schema = store().generate_msgdef(kind, ros_version=2)[0]
+    with path.open("wb") as file, McapWriter(file, [Channel("/wheels", kind, schema)]) as writer:
+        for chunk in chunks or np.arange(600).reshape(-1, 20).tolist():
+            records, stamps, starts = b"", [], []
+            for k in chunk:
+                ns, cdr = START + 20_000_000 * k + 5_000_000, message(k)
+                stamps.append(ns)
+                starts.append(len(records))
+                records += struct.pack("<BQHIQQ", 5, 22 + len(cdr), 1, k, ns, ns) + cdr
+            writer.add(records, {1: (indexed(np.array(stamps)), np.array(starts))})
+    return path
+
+
+def wheels_robot(**options):
+    mapping = {name: WheelMapping(topic="/wheels", name=name) for name in NAMES}
+    return tr.Robot(drive=DRIVE, log=LogMapping(wheels=mapping, **options))
+
+
+def test_recordings_come_by_chunks(tmp_path):
+    assert len(check(recorded(tmp_path / "run.mcap"), wheels_robot())) == 600
+
+
+def test_a_topic_of_twists_comes_by_chunks(tmp_path):
+    described = tr.Robot(drive=DRIVE, log=LogMapping(twist=TwistMapping(topic="/wheels")))
+    log = check(recorded(tmp_path / "run.mcap", odometry, ODOMETRY), described)
+    assert len(log.twists) == 600
+
+
+def test_a_split_recording_comes_file_by_file(tmp_path):
+    chunks = np.arange(600).reshape(-1, 20).tolist()
+    for part, taken in enumerate((chunks[:13], chunks[13:])):
+        recorded(tmp_path / f"run_{part}.mcap", chunks=taken)
+    assert len(check(tmp_path, wheels_robot())) == 600
+
+
+def test_chunks_that_overlap_come_together(tmp_path):
+    """Two threads that record: the chunks of every second one reach into the one behind it."""
+    order = np.arange(600).reshape(-1, 40)
+    chunks = [part for pair in order for part in (pair[::2].tolist(), pair[1::2].tolist())]
+    assert len(check(recorded(tmp_path / "run.mcap", chunks=chunks), wheels_robot())) == 600
+    across = [np.arange(600)[::2].tolist(), np.arange(600)[1::2].tolist()]
+    check(recorded(tmp_path / "run.mcap", chunks=across), wheels_robot(), least=1)
+
+
+def test_joints_that_come_late_or_in_another_order(tmp_path):
+    def late(k):
+        return joints(k, names=("other",) if k < 250 else ("right", "other", "left") if k % 2 else NAMES)
+
+    log = check(recorded(tmp_path / "run.mcap", late), wheels_robot())
+    assert log.rejected == {"missing_joint": 250}
+
+
+def test_a_joint_that_never_comes_is_refused_as_ever(tmp_path):
+    path = recorded(tmp_path / "run.mcap", lambda k: joints(k, names=("left", "other")))
+    for read in (tr.read_log, lambda *words: list(read_log_pieces(*words))):
+        with pytest.raises(tr.LogSchema, match="no message has an element 'right'"):
+            read(path, wheels_robot())
+
+
+@pytest.mark.parametrize("clock", Clock)
+def test_clocks_that_disagree_are_told(tmp_path, clock):
+    """Messages without stamps at first, or throughout; and a receive clock that drifts away."""
+    unstamped = recorded(tmp_path / "none.mcap", lambda k: joints(k, stamped=False))
+    check(unstamped, wheels_robot(clock=clock), least=1 if clock is Clock.HEADER else 5)
+    late = recorded(tmp_path / "late.mcap", lambda k: joints(k * 11 // 10))
+    said = check(late, wheels_robot(clock=clock)).warnings
+    assert ("standard deviation" in " ".join(said)) == (clock is Clock.HEADER)
+
+
+def test_damage_is_lost_once(tmp_path):
+    path = recorded(tmp_path / "run.mcap")
+    content = bytearray(path.read_bytes())
+    content[len(content) // 3] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(tr.LogCorrupt):
+        list(read_log_pieces(path, wheels_robot()))
+    assert len(check(path, wheels_robot(), salvage=True).losses) == 1
+
+
+def test_what_needs_the_whole_is_one_piece(tmp_path):
+    held = {name: WheelMapping(topic="/wheels", name=name, hold=True) for name in NAMES}
+    path = recorded(tmp_path / "run.mcap")
+    described = tr.Robot(drive=DRIVE, log=LogMapping(wheels=held))
+    (log,) = bag_log_pieces(path, described, described.log)
+    assert log.wheels.tobytes() == tr.read_log(path, described).wheels.tobytes()
+
+
+def test_an_index_that_lies_is_refused(tmp_path):
+    """It says that chunks follow each other, which were received the other way round."""
+    chunks = np.arange(600).reshape(-1, 20)[::-1].tolist()
+    path = recorded(tmp_path / "run.mcap", chunks=chunks, indexed=lambda ns: 3 * START - ns)
+    with pytest.raises(tr.LogCorrupt, match="received earlier than the index says"):
+        list(read_log_pieces(path, wheels_robot()))
 
 
 @pytest.mark.parametrize("row", [pytest.param("L15", id="L15-command")])

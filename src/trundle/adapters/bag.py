@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
@@ -14,7 +15,14 @@ from trundle.adapters.chunk_compression import ZSTD_MAGIC, decompress_file
 from trundle.adapters.damage import Damage
 from trundle.adapters.message_layout import Serialization, UnknownField
 from trundle.adapters.rosmsg import Struct
-from trundle.adapters.topic_columns import ColumnDecoder, MessageBatch, TopicColumns, TopicInfo
+from trundle.adapters.topic_columns import (
+    EARLIEST,
+    LATEST,
+    ColumnDecoder,
+    MessageBatch,
+    TopicColumns,
+    TopicInfo,
+)
 from trundle.errors import LogCorrupt, LogError, LogSchema, no_such
 
 __all__ = ["BagReader", "open_bag"]
@@ -95,6 +103,23 @@ class BagReader:
             LogCorrupt: If bytes contradict themselves, unless opened with `salvage`.
             LogLimit: If reading would take more memory than it may.
         """
+        (columns,) = self.pieces(topic, fields, None)
+        return columns
+
+    def pieces(self, topic: str, fields: Sequence[str], least: int | None) -> Generator[TopicColumns]:
+        """What `read` returns, cut between messages that were received one after the other.
+
+        Args:
+            topic: As for `read`.
+            fields: As for `read`.
+            least: Messages in a piece; the last one may have less. None: all in one. Where parts of the
+                file overlap in time, or the format does not say, they come together.
+
+        Raises:
+            LogSchema: As `read`.
+            LogCorrupt: As `read`; when the piece comes that is at fault.
+            LogLimit: So too.
+        """
         if topic not in self.topics:
             raise LogSchema(self.path, "topic", no_such("topic", topic, sorted(self.topics)))
         holders = [recording for recording in self._recordings if topic in recording.topics]
@@ -102,18 +127,40 @@ class BagReader:
         if any(other != types[0] for other in types):
             raise LogSchema(self.path, "schema", f"{topic} changes its type from one file to the next")
         kind, serialization = types[0]
+        count = self.topics[topic].count
+        enough = LATEST if least is None else least
+
+        def begun(before: int) -> ColumnDecoder:
+            return ColumnDecoder(kind, fields, serialization, min(max(count - before, 0), enough), before)
+
         try:
-            decoder = ColumnDecoder(kind, fields, serialization, self.topics[topic].count)
+            decoder = begun(0)
         except UnknownField as error:
             raise LogSchema(self.path, "field", f"{topic}: {error}") from None
-        for recording in holders:
-            for batch in recording.batches(topic):
-                self._append(decoder, topic, batch, is_cdr=serialization is Serialization.CDR)
-        self._losses += [f"{topic}: {loss}; it is lost" for loss in decoder.losses[:MOST_SENTENCES]]
-        if len(decoder.losses) > MOST_SENTENCES:
-            further = len(decoder.losses) - MOST_SENTENCES
-            self._losses.append(f"{topic}: {further} further messages are lost likewise")
-        return decoder.finish()
+        lost: list[str] = []
+        before, latest, border = 0, EARLIEST, EARLIEST
+        for batch in _in_turn(holders, topic):
+            self._append(decoder, topic, batch, is_cdr=serialization is Serialization.CDR)
+            if batch.receive_ns.min(initial=LATEST) < border:
+                self._doubt_order(topic)
+            latest = max(latest, int(batch.receive_ns.max(initial=EARLIEST)))
+            if decoder.count >= enough and latest <= batch.later_ns:
+                lost += decoder.losses
+                yield decoder.finish()
+                before, border = before + decoder.count, latest
+                decoder = begun(before)
+        lost += decoder.losses
+        self._losses += [f"{topic}: {loss}; it is lost" for loss in lost[:MOST_SENTENCES]]
+        if len(lost) > MOST_SENTENCES:
+            self._losses.append(f"{topic}: {len(lost) - MOST_SENTENCES} further messages are lost likewise")
+        if decoder.count or not before:
+            yield decoder.finish()
+
+    def _doubt_order(self, topic: str) -> None:
+        problem = f"{topic} holds messages that were received earlier than the index says"
+        if not self._salvage:
+            raise LogCorrupt(self.path, "corrupt", problem)
+        self._losses.append(f"{problem}; they may be out of order")
 
     def _append(self, decoder: ColumnDecoder, topic: str, batch: MessageBatch, *, is_cdr: bool) -> None:
         try:
@@ -171,6 +218,15 @@ _FORMATS: dict[bytes, _Opener] = {
     rosbag1.MAGIC: rosbag1.Rosbag1File,
     rosbag2.MAGIC: rosbag2.Rosbag2Database,
 }
+
+
+def _in_turn(holders: Sequence[_Recording], topic: str) -> Iterator[MessageBatch]:
+    """A topic's messages from one file after the other."""
+    for number, recording in enumerate(holders):
+        firsts = [other.topics[topic].first_ns for other in holders[number + 1 :]]
+        later_ns = min((first for first in firsts if first is not None), default=LATEST)
+        for batch in recording.batches(topic):
+            yield replace(batch, later_ns=min(batch.later_ns, later_ns))
 
 
 def _beginning(path: Path) -> bytes:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from msgspec.structs import replace
 
-from trundle.adapters.bag import open_bag
+from trundle.adapters.bag import BagReader, open_bag
 from trundle.adapters.conversion import (
     Conversion,
     check_steering,
@@ -30,18 +30,28 @@ from trundle.adapters.doubts import WheelColumn, doubts
 from trundle.adapters.quaternion import yaw_of_quaternion
 from trundle.adapters.reference import reference_trajectory
 from trundle.adapters.resampling import changes, held, interpolated, summed, turned, unwrapped
+from trundle.adapters.topic_columns import TopicColumns
 from trundle.adapters.topic_fields import pose_fields, scalar_field, twist_fields
 from trundle.adapters.topic_source import Recording, TopicSource
 from trundle.errors import ConfigError, LogSchema
 from trundle.records import Reading, Trajectory, WheelLog
 from trundle.robot import Robot
-from trundle.robot.log_mapping import LogMapping, ScalarMapping, Unit, WheelMapping
+from trundle.robot.log_mapping import (
+    Clock,
+    LogMapping,
+    ScalarMapping,
+    TwistMapping,
+    Unit,
+    WheelMapping,
+)
 
-__all__ = ["read_bag_log", "recording_log"]
+__all__ = ["bag_log_pieces", "read_bag_log", "recording_log"]
 
 Array = npt.NDArray[Any]
 Stamps = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
+
+PIECE = 1 << 18  # messages: twice those by which units and widths are judged
 
 
 def read_bag_log(path: Path, robot: Robot, mapping: LogMapping, *, salvage: bool = False) -> WheelLog:
@@ -60,6 +70,41 @@ def read_bag_log(path: Path, robot: Robot, mapping: LogMapping, *, salvage: bool
     """
     with open_bag(path, salvage=salvage) as bag:
         return recording_log(bag, robot, mapping)
+
+
+def bag_log_pieces(
+    path: Path, robot: Robot, mapping: LogMapping, *, salvage: bool = False
+) -> Iterator[WheelLog]:
+    """A recording as a wheel log in pieces: chunk by chunk, where one topic of an MCAP file says everything.
+
+    What several topics say is put together of the whole; so are values that are held, and a topic
+    whose messages begin without a stamp. What there is to say about the log, the last piece says.
+
+    Args:
+        path: As for `read_bag_log`.
+        robot: As for `read_bag_log`.
+        mapping: As for `read_bag_log`.
+        salvage: As for `read_bag_log`.
+
+    Raises:
+        LogSchema: As for `read_bag_log`; when the piece comes that is at fault, or at the end.
+        LogError: So too.
+        ConfigError: As for `read_bag_log`.
+    """
+    with open_bag(path, salvage=salvage) as bag:
+        plan = _BagLog(TopicSource(bag, mapping.clock), robot, mapping)
+        if not plan.comes_in_pieces:
+            yield recording_log(bag, robot, mapping)
+            return
+        former: WheelLog | None = None
+        for log in plan.pieces(bag):
+            if former is not None:
+                yield former
+            former = log
+        assert former is not None  # a topic without messages has been refused
+        losses = tuple(bag.losses)
+        said = (*losses, *bag.warnings, *plan.source.warnings, *former.warnings)
+        yield dataclasses.replace(former, warnings=said, losses=losses)
 
 
 def recording_log(recording: Recording, robot: Robot, mapping: LogMapping) -> WheelLog:
@@ -133,6 +178,84 @@ class _BagLog:
         series = self._series(signals)
         twist = self._twists()
         doubtful = doubts(self.robot, self._wheel_columns(series))
+        log = self._log(signals, series, twist)
+        if not len(log):
+            raise self._unmatched()
+        reference = self._reference()
+        warnings = (*self.source.warnings, *self.source.differences, *doubtful)
+        return dataclasses.replace(log, reference=reference, warnings=warnings)
+
+    @property
+    def comes_in_pieces(self) -> bool:
+        """Whether each message says all that there is at its time."""
+        signals, mapping = self._signals(), self.mapping
+        topics = {signal.topic for signal in signals.values()}
+        together = mapping.reference is not None or any(signal.hold for signal in signals.values())
+        return not together and len(topics) + (mapping.twist is not None) == 1
+
+    def pieces(self, bag: BagReader) -> Iterator[WheelLog]:
+        """What `read` returns, in pieces; the last one says what is doubtful about the first.
+
+        What `rejected` counts comes with the next piece that has rows.
+
+        Raises:
+            LogSchema: If no piece has the elements that are wanted.
+        """
+        topic, wanted, fields = self._one_topic()
+        doubtful: tuple[str, ...] | None = None
+        absent: LogSchema = self._unmatched()
+        for time_ns, columns in self.source.stamped(topic, self._cut(bag, topic, fields)):
+            series: dict[str, _Series] = {}
+            twist = None
+            try:
+                if wanted:
+                    series = self._topic_series(topic, wanted, time_ns, columns)
+                else:
+                    twist = self._twist_series(topic, fields, time_ns, columns)
+            except LogSchema as error:
+                if error.reason != "joint":
+                    raise
+                absent = error  # in all messages of this piece; others may have the joint
+                self.rejected["missing_joint"] += len(time_ns)
+                continue
+            if doubtful is None:
+                doubtful = doubts(self.robot, self._wheel_columns(series))
+            log = self._log(wanted, series, twist)
+            if len(log):
+                yield dataclasses.replace(log, warnings=doubtful)
+                self.rejected.clear()
+        if doubtful is None:
+            raise absent
+
+    def _one_topic(self) -> tuple[str, dict[str, _Signal], Sequence[str]]:
+        """The topic that says everything, and what is wanted of it."""
+        signals = self._signals()
+        if self.mapping.twist is not None:
+            topic, fields = self._twist_fields(self.mapping.twist)
+            return topic, signals, fields
+        wanted = dict.fromkeys(field for signal in signals.values() for field in signal.fields)
+        return next(iter(signals.values())).topic, signals, list(wanted)
+
+    def _cut(self, bag: BagReader, topic: str, fields: Sequence[str]) -> Iterator[TopicColumns]:
+        """A topic in pieces; the whole where its first piece bears no stamp, as those behind it may."""
+        pieces = bag.pieces(topic, fields, PIECE)
+        first = next(pieces)
+        if self.mapping.clock is Clock.HEADER and first.header_ns is not None and not first.header_ns.any():
+            pieces.close()
+            yield bag.read(topic, fields)
+            return
+        yield first
+        yield from pieces
+
+    def _unmatched(self) -> LogSchema:
+        problem = "; ".join(("what is wanted has no time in common", *self.source.differences))
+        return LogSchema(self.path, "unmatched", problem)
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def _log(
+        self, signals: dict[str, _Signal], series: dict[str, _Series], twist: _Series | None
+    ) -> WheelLog:
+        """What was said, on common rows."""
         if self.reading is Reading.TICKS and not self._can_stay_raw(signals, series):
             self._unwrap(series)
         time_ns = self._rows(signals, series, twist)
@@ -140,9 +263,6 @@ class _BagLog:
         for label, own in series.items():
             columns[label], there = self._at(time_ns, own, label, hold=signals[label].hold)
             known &= there
-        if not known.any():
-            problem = "; ".join(("what is wanted has no time in common", *self.source.differences))
-            raise LogSchema(self.path, "unmatched", problem)
         self.rejected["unmatched"] = int((~known).sum())
         for name, scalar in self.mapping.steering.items():
             check_steering(self.path, self.robot, name, scalar, columns[f"log.steering.{name}"])
@@ -159,9 +279,7 @@ class _BagLog:
             steering=beside([f"log.steering.{name}" for name in self.mapping.steering]),
             yaw_rate=columns["log.gyro"][known] if self.mapping.gyro else None,
             twists=None if twist is None else self._twists_at(time_ns[known], twist),
-            reference=self._reference(),
             rejected=+self.rejected,
-            warnings=(*self.source.warnings, *self.source.differences, *doubtful),
             source=str(self.path),
         )
 
@@ -205,28 +323,35 @@ class _BagLog:
             wanted = {label: signal for label, signal in signals.items() if signal.topic == topic}
             fields = dict.fromkeys(field for signal in wanted.values() for field in signal.fields)
             time_ns, columns = self.source.read(topic, list(fields))
-            keep = np.ones(len(time_ns), dtype=bool)
-            raw: dict[str, Array] = {}
-            for label, signal in wanted.items():
-                if signal.name is None:
-                    raw[label] = self.source.numbers(topic, columns, signal.path)
-                    continue
-                raw[label], present = self.source.elements(
-                    topic, columns, signal.path, signal.name, signal.names_path
-                )
-                keep &= present
-            self.rejected["missing_joint"] += int((~keep).sum())
-            read = {
-                label: signal.conversion.numeral.of_numbers(raw[label]) for label, signal in wanted.items()
-            }
-            for label, (_, refused) in read.items():
-                finite = np.isfinite(raw[label])
-                self.rejected["nonfinite"] += int((keep & refused & ~finite).sum())
-                self.rejected["parse"] += int((keep & refused & finite).sum())
-                keep &= ~refused
-            for label, (values, _) in read.items():
-                series[label] = _Series(time_ns[keep], wanted[label].conversion.of(values[keep]))
+            series |= self._topic_series(topic, wanted, time_ns, columns)
         return {label: series[label] for label in signals}
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def _topic_series(
+        self, topic: str, wanted: dict[str, _Signal], time_ns: Stamps, columns: TopicColumns
+    ) -> dict[str, _Series]:
+        """What each signal of one topic said."""
+        keep = np.ones(len(time_ns), dtype=bool)
+        raw: dict[str, Array] = {}
+        for label, signal in wanted.items():
+            if signal.name is None:
+                raw[label] = self.source.numbers(topic, columns, signal.path)
+                continue
+            raw[label], present = self.source.elements(
+                topic, columns, signal.path, signal.name, signal.names_path
+            )
+            keep &= present
+        self.rejected["missing_joint"] += int((~keep).sum())
+        read = {label: signal.conversion.numeral.of_numbers(raw[label]) for label, signal in wanted.items()}
+        for label, (_, refused) in read.items():
+            finite = np.isfinite(raw[label])
+            self.rejected["nonfinite"] += int((keep & refused & ~finite).sum())
+            self.rejected["parse"] += int((keep & refused & finite).sum())
+            keep &= ~refused
+        return {
+            label: _Series(time_ns[keep], wanted[label].conversion.of(values[keep]))
+            for label, (values, _) in read.items()
+        }
 
     def _wheel_columns(self, series: dict[str, _Series]) -> list[WheelColumn]:
         columns = []
@@ -280,14 +405,20 @@ class _BagLog:
     # --- twists and the reference ----------------------------------------------------------------
 
     def _twists(self) -> _Series | None:
-        twist = self.mapping.twist
-        if twist is None:
+        if self.mapping.twist is None:
             return None
+        topic, fields = self._twist_fields(self.mapping.twist)
+        return self._twist_series(topic, fields, *self.source.read(topic, fields))
+
+    def _twist_fields(self, twist: TwistMapping) -> tuple[str, Sequence[str]]:
         if twist.topic is None:
             raise ConfigError("log.twist.columns", f"{self.path} has topics, no columns")
-        fields = twist_fields(self.path, twist.topic, self.source.type_of(twist.topic))
-        time_ns, columns = self.source.read(twist.topic, fields)
-        parts = [self.source.numbers(twist.topic, columns, field) for field in fields]
+        return twist.topic, twist_fields(self.path, twist.topic, self.source.type_of(twist.topic))
+
+    def _twist_series(
+        self, topic: str, fields: Sequence[str], time_ns: Stamps, columns: TopicColumns
+    ) -> _Series:
+        parts = [self.source.numbers(topic, columns, field) for field in fields]
         return _Series(time_ns, np.stack(parts, axis=-1))
 
     def _twists_at(self, time_ns: Stamps, twist: _Series) -> Array:

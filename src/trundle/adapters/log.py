@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ __all__ = ["LONG", "is_long", "read_log", "read_log_pieces"]
 LONG = 16 << 20  # bytes of text, whose columns and poses would take ten to twenty times as much
 
 Reader = Callable[[Path, Robot, LogMapping, bool], WheelLog]
+Cutter = Callable[[Path, Robot, bool], Iterator[WheelLog]]
 
 
 def read_log(
@@ -69,10 +71,11 @@ def read_log(
 def read_log_pieces(
     path: str | os.PathLike[str], robot: Robot | Kinematics, *, salvage: bool = False
 ) -> Iterator[WheelLog]:
-    """What `read_log` returns, in pieces: of a text table in memory that does not depend on its length.
+    """What `read_log` returns, in pieces: in memory that does not depend on how many rows there are.
 
-    Logs of other formats come as one piece. The first piece has the reference, and what is doubtful about
-    the log as far as its first rows show it; the last ones say what was left out or put in order.
+    Text tables come so, and MCAP where one topic says everything, without a reference; all else comes as one
+    piece. The first rows decide what is doubtful about the log. The first piece has the reference, the last
+    ones say what was left out or put in order.
 
     Args:
         path: As for `read_log`.
@@ -86,37 +89,57 @@ def read_log_pieces(
         MissingExtra: As `read_log`.
     """
     path = Path(path)
-    if content_of(path) is Content.TEXT:
-        described = robot if isinstance(robot, Robot) else Robot(drive=robot)
-        yield from pieces_in_order(_text_pieces(SteadyFile(path), described, salvage=salvage))
-    else:
+    cut = _CUTTERS.get(content_of(path))
+    if cut is None:
         yield read_log(path, robot, salvage=salvage)
+        return
+    described, file = robot if isinstance(robot, Robot) else Robot(drive=robot), SteadyFile(path)
+    yield from pieces_in_order(_steady(cut(path, described, salvage), file, described, salvage=salvage))
 
 
 def is_long(path: Path, robot: Robot) -> bool:
-    """Whether a log should be read in pieces: long text, without a reference, which is held as a whole."""
-    if not path.is_file() or path.stat().st_size <= LONG or content_of(path) is not Content.TEXT:
+    """Whether a log should be read in pieces: long and without a reference, which is held as a whole."""
+    if not path.exists() or _size(path) <= LONG:
         return False
+    content = content_of(path)
+    if content is not Content.TEXT:
+        return content in _CUTTERS and robot.log.reference is None
     from trundle.adapters.table_log import has_reference
 
     return not has_reference(path, robot, robot.log)
 
 
-def _text_pieces(file: SteadyFile, robot: Robot, *, salvage: bool) -> Iterator[WheelLog]:
+def _size(path: Path) -> int:
+    """Bytes of a file, or of the files in a folder."""
+    return sum(file.stat().st_size for file in (path.iterdir() if path.is_dir() else (path,)))
+
+
+def _text_pieces(path: Path, robot: Robot, _salvage: bool) -> Iterator[WheelLog]:
     from trundle.adapters.table_log import table_log_pieces
 
+    return table_log_pieces(path, robot, robot.log)
+
+
+def _bag_pieces(path: Path, robot: Robot, salvage: bool) -> Iterator[WheelLog]:
+    from trundle.adapters.bag_log import bag_log_pieces
+
+    return bag_log_pieces(path, robot, robot.log, salvage=salvage)
+
+
+def _steady(
+    pieces: Iterator[WheelLog], file: SteadyFile, robot: Robot, *, salvage: bool
+) -> Iterator[WheelLog]:
+    """Pieces, corrected, of a file that must not change until the last one."""
     log: WheelLog | None = None
-    try:
-        for piece in table_log_pieces(file.path, robot, robot.log):
+    with _readable(file):
+        for piece in pieces:
             said: tuple[str, ...] = ()
             if log is None:
                 said = _silence(piece, robot)
             else:
                 yield log
-            log = dataclasses.replace(corrected(piece, robot.log), warnings=(*piece.warnings, *said))
-    except LogError:
-        file.require_same()
-        raise
+            with np.errstate(over="ignore", invalid="ignore"):
+                log = dataclasses.replace(corrected(piece, robot.log), warnings=(*piece.warnings, *said))
     if log is not None:
         yield _while_same(file, log, salvage=salvage)
 
@@ -131,8 +154,16 @@ def _read(
     content: Content, file: SteadyFile, robot: Robot, mapping: LogMapping, *, salvage: bool
 ) -> WheelLog:
     """The log, unless its file changed meanwhile; with `salvage`, that is a loss."""
-    try:
+    with _readable(file):
         log = _READERS[content](file.path, robot, mapping, salvage)
+    return _while_same(file, log, salvage=salvage)
+
+
+@contextmanager
+def _readable(file: SteadyFile) -> Iterator[None]:
+    """Errors while a file is read, as they are told: that it changed comes first."""
+    try:
+        yield
     except OSError as error:
         if isinstance(error, TrundleError):
             raise
@@ -141,7 +172,6 @@ def _read(
     except LogError:
         file.require_same()
         raise
-    return _while_same(file, log, salvage=salvage)
 
 
 def _while_same(file: SteadyFile, log: WheelLog, *, salvage: bool) -> WheelLog:
@@ -179,6 +209,11 @@ def _read_tub(path: Path, robot: Robot, mapping: LogMapping, _salvage: bool) -> 
 
 
 # Formats that load nothing until they are read.
+_CUTTERS: dict[Content, Cutter] = {
+    Content.TEXT: _text_pieces,
+    Content.MCAP: _bag_pieces,
+    Content.ROSBAG2: _bag_pieces,
+}
 _READERS: dict[Content, Reader] = {
     Content.TEXT: _read_table,
     Content.PARQUET: _read_table,

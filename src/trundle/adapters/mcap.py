@@ -14,8 +14,9 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -39,7 +40,7 @@ from trundle.adapters.mcap_records import (
 )
 from trundle.adapters.message_layout import Serialization
 from trundle.adapters.rosmsg import Struct, ros2_name, struct_type
-from trundle.adapters.topic_columns import MessageBatch, TopicInfo
+from trundle.adapters.topic_columns import LATEST, MessageBatch, TopicInfo
 from trundle.errors import LogCorrupt, LogError, LogSchema, LogTruncated
 
 __all__ = ["MAGIC", "McapFile"]
@@ -111,6 +112,10 @@ class _Chunk:
     def count(self, channels: set[int]) -> int:
         """Messages of these channels."""
         return sum(self.channels[number].count for number in channels & self.channels.keys())
+
+    def first_of(self, channels: set[int]) -> int:
+        """When the first message of these channels was received [ns]."""
+        return min(self.channels[number].first_ns for number in channels & self.channels.keys())
 
 
 class McapFile:
@@ -189,10 +194,11 @@ class McapFile:
         numbers = {number for number, channel in self._channels.items() if channel.topic == topic}
         chunks = [chunk for chunk in self._chunks if numbers & chunk.channels.keys()]
         self._require_limits(chunks)
-        for chunk, content_of in self._prepared(chunks):
+        later = _later(chunk.first_of(numbers) for chunk in chunks)
+        for (chunk, content_of), later_ns in zip(self._prepared(chunks), later, strict=True):
             try:
                 content = content_of()
-                yield self._batch(chunk, content, numbers)
+                yield replace(self._batch(chunk, content, numbers), later_ns=later_ns)
             except Damage as damage:
                 error = LogCorrupt(self.path, "corrupt", f"{chunk} {damage}")
                 self._lose(error, f"; {chunk.count(numbers)} messages of {topic} are lost")
@@ -551,6 +557,12 @@ class McapFile:
         if hasattr(self._map, "madvise"):
             start = chunk.start - chunk.start % mmap.PAGESIZE
             self._map.madvise(mmap.MADV_DONTNEED, start, chunk.stop - start)
+
+
+def _later(first: Iterable[int]) -> list[int]:
+    """For each of several parts, the earliest beginning of those behind it; `LATEST` for the last."""
+    behind = accumulate(reversed([*first, LATEST]), min)
+    return list(behind)[-2::-1]
 
 
 def _seconds(stamp: int) -> str:

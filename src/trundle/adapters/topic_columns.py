@@ -19,7 +19,16 @@ from trundle.adapters.damage import Damage
 from trundle.adapters.message_layout import Layout, Selection, Serialization, Slot
 from trundle.adapters.rosmsg import Struct
 
-__all__ = ["Column", "ColumnDecoder", "MessageBatch", "TopicColumns", "TopicInfo", "rows_of"]
+__all__ = [
+    "EARLIEST",
+    "LATEST",
+    "Column",
+    "ColumnDecoder",
+    "MessageBatch",
+    "TopicColumns",
+    "TopicInfo",
+    "rows_of",
+]
 
 Column: TypeAlias = (
     npt.NDArray[Any] | list[npt.NDArray[Any]] | str | list[str] | tuple[str, ...] | list[tuple[str, ...]]
@@ -30,6 +39,7 @@ _Matrix: TypeAlias = npt.NDArray[np.uint8]  # one message of the same size per r
 MOST_GROUPS = 16  # layouts that are looked for in one batch before its other messages are read one by one
 ROWS_COMPARED = 256  # at once: few enough to stay in the cache
 MOST_KNOWN = 64  # layouts that are remembered for one size
+EARLIEST, LATEST = int(np.iinfo(np.int64).min), int(np.iinfo(np.int64).max)  # [ns]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,12 +94,15 @@ class MessageBatch:
         buffer: Bytes that hold all of them.
         starts: Where each begins in the buffer, shape (n,).
         sizes: Bytes of each, shape (n,).
+        later_ns: No message of the topic behind these in the file was received earlier [ns], as far as the
+            file says.
     """
 
     receive_ns: npt.NDArray[np.int64]
     buffer: npt.NDArray[np.uint8]
     starts: npt.NDArray[np.int64]
     sizes: npt.NDArray[np.int64]
+    later_ns: int = EARLIEST
 
 
 class ColumnDecoder:
@@ -100,7 +113,12 @@ class ColumnDecoder:
     """
 
     def __init__(
-        self, kind: Struct, fields: Sequence[str], serialization: Serialization, capacity: int = 0
+        self,
+        kind: Struct,
+        fields: Sequence[str],
+        serialization: Serialization,
+        capacity: int = 0,
+        before: int = 0,
     ) -> None:
         """Start with no messages.
 
@@ -109,6 +127,7 @@ class ColumnDecoder:
             fields: Dotted paths of what is wanted.
             serialization: How messages became bytes.
             capacity: About how many messages will come.
+            before: How many came before these, for what `losses` calls them.
 
         Raises:
             UnknownField: If a path leads nowhere.
@@ -117,6 +136,7 @@ class ColumnDecoder:
         self._stamp = _stamp_fields(kind)
         self._selection = Selection(kind, list(dict.fromkeys([*self._fields, *self._stamp])))
         self._serialization = serialization
+        self._before = before
         self._known: dict[int, list[Layout]] = {}
         self._builders: list[_Numbers | _Texts] = [
             _Numbers(slot, capacity) if slot.code else _Texts(slot) for slot in self._selection.slots
@@ -125,6 +145,11 @@ class ColumnDecoder:
         self._count = 0
         self._bad: list[int] = []
         self.losses: list[str] = []
+
+    @property
+    def count(self) -> int:
+        """How many messages were appended."""
+        return self._count
 
     def append(self, batch: MessageBatch) -> None:
         """Decode a batch. A message that cannot be decoded becomes a loss."""
@@ -175,7 +200,7 @@ class ColumnDecoder:
         except Damage as damage:
             number = _numbers(rows)[0]
             self._bad.append(number)
-            self.losses.append(f"message {number} {damage}")
+            self.losses.append(f"message {self._before + number} {damage}")
             return matrix[1:], _part(rows, slice(1, None))
         if all(_agree(matrix, first, start, stop) for start, stop in layout.spans):
             self._take(layout, matrix, rows, texts_agree=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -94,28 +95,44 @@ class TopicSource:
             LogSchema: If topic or field does not exist.
             LogError: If there is no message.
         """
-        columns = self.bag.read(topic, fields)
-        if not len(columns.receive_ns):
-            raise LogError(self.bag.path, "empty", f"{topic} has no message")
-        return self._stamps(topic, columns), columns
+        ((stamps, columns),) = self.stamped(topic, [self.bag.read(topic, fields)])
+        return stamps, columns
 
-    def _stamps(self, topic: str, columns: TopicColumns) -> Stamps:
-        header, receive = columns.header_ns, columns.receive_ns
+    def stamped(self, topic: str, pieces: Iterable[TopicColumns]) -> Iterator[tuple[Stamps, TopicColumns]]:
+        """Messages that come in pieces, with the time that counts; what is wrong with it is known at the end.
+
+        Args:
+            topic: Whose they are.
+            pieces: One after the other; whether they bear stamps, the first one says.
+
+        Raises:
+            LogError: If there is no message.
+        """
+        delay: _Delay | None = None
+        count = 0
+        for columns in pieces:
+            header, receive = columns.header_ns, columns.receive_ns
+            if not len(receive):
+                continue
+            if self._clock is Clock.RECEIVE or header is None or (delay is None and not header.any()):
+                yield receive, columns
+            else:
+                delay = delay or _Delay(int(receive[0]), int(header[0]))
+                delay.add(receive, header)
+                yield header, columns
+            count += len(receive)
+        if not count:
+            raise LogError(self.bag.path, "empty", f"{topic} has no message")
         if self._clock is Clock.RECEIVE:
-            return receive
-        if header is None or not header.any():
+            return
+        if delay is None:
             self.warnings.append(f"{topic}: its messages bear no stamp; the times of receipt are used")
-            self._late[topic] = 0.0
-            return receive
-        self._late[topic] = float(np.mean((receive - receive[0]) - (header - header[0]))) * 1e-9
-        self._late[topic] += (int(receive[0]) - int(header[0])) * 1e-9
-        skew = float(np.std((receive - receive[0]) - (header - header[0]))) * 1e-9
-        if skew > SKEW:
+        self._late[topic] = 0.0 if delay is None else delay.mean
+        if delay is not None and (skew := delay.deviation) > SKEW:
             self.warnings.append(
                 f"{topic}: stamps and times of receipt disagree (standard deviation {skew:.3g} s); "
                 "the stamps are used; log.clock: receive would use the others"
             )
-        return header
 
     def numbers(self, topic: str, columns: TopicColumns, path: str) -> Array:
         """A field that holds one number per message.
@@ -170,6 +187,34 @@ class TopicSource:
             )
             raise LogSchema(self.bag.path, "joint", f"{topic}: no message has an element {name!r}; {has}")
         return found, present
+
+
+class _Delay:
+    """How much later than stamped messages were received, summed up piece by piece."""
+
+    def __init__(self, receive_ns: int, header_ns: int) -> None:
+        """Start from the first message's times."""
+        self._receive, self._header = receive_ns, header_ns
+        self._count, self._mean, self._squares = 0, 0.0, 0.0  # [ns], [ns^2] about the mean
+
+    def add(self, receive: Stamps, header: Stamps) -> None:
+        """Add messages. Chan, Golub, LeVeque: Updating Formulae and a Pairwise Algorithm (1979)."""
+        late = (receive - self._receive) - (header - self._header)
+        count, mean = len(late), float(np.mean(late))
+        total, apart = self._count + count, mean - self._mean
+        self._squares += float(np.sum((late - mean) ** 2)) + apart**2 * self._count * count / total
+        self._mean += apart * count / total
+        self._count = total
+
+    @property
+    def mean(self) -> float:
+        """On average [s]."""
+        return self._mean * 1e-9 + (self._receive - self._header) * 1e-9
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation [s]."""
+        return math.sqrt(self._squares / self._count) * 1e-9
 
 
 def _layouts(names: Any, count: int) -> Iterator[tuple[tuple[str, ...], Array]]:
