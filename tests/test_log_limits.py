@@ -78,6 +78,29 @@ def test_four_gigabytes_are_read_chunk_by_chunk(tmp_path):
         recording.unlink()
 
 
+def write_joints(path: Path, chunks: int = 400, count: int = 10_000) -> None:
+    """Joint states that differ in their numbers only: one is written over and over."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kind = "sensor_msgs/msg/JointState"
+    head = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](7, 9), "base_link")
+    message = store.types[kind](head, ["left", "right"], np.array([1e9, 2e9]), np.zeros(0), np.zeros(0))
+    cdr = bytes(store.serialize_cdr(message, kind))
+    one = np.frombuffer(record(0x05, struct.pack("<HIQQ", 1, 0, 0, 0) + cdr), np.uint8)
+    places = [one.tobytes().find(struct.pack("<d", value)) for value in (1e9, 2e9)]
+    schema = store.generate_msgdef(kind, ros_version=2)[0]
+    with path.open("wb") as file, McapWriter(file, [Channel("/joint_states", kind, schema)]) as writer:
+        for chunk in range(chunks):
+            k = np.arange(chunk * count, (chunk + 1) * count)
+            stamps = 10**18 + 10_000_000 * k
+            rows = np.tile(one, (count, 1))
+            rows[:, 15:23] = rows[:, 23:31] = stamps.astype("<u8")[:, None].view(np.uint8)
+            header = np.stack([stamps // 10**9, stamps % 10**9], axis=-1).astype("<u4")
+            rows[:, 35:43] = header.view(np.uint8)
+            for place, rate in zip(places, (0.05, 0.06), strict=True):
+                rows[:, place : place + 8] = (rate * k).astype("<f8")[:, None].view(np.uint8)
+            writer.add(rows.tobytes(), {1: (stamps, len(one) * np.arange(count))})
+
+
 def write_recording(path: Path, chunks: int, image_bytes: int) -> int:
     store = get_typestore(Stores.ROS2_HUMBLE)
     kinds = {"/joint_states": "sensor_msgs/msg/JointState", "/image": "sensor_msgs/msg/CompressedImage"}
@@ -290,16 +313,28 @@ def test_ten_thousand_flips_of_a_table(tmp_path):
     print({outcome: outcomes.count(outcome) for outcome in sorted(set(outcomes))})
 
 
-@pytest.mark.verify
-@pytest.mark.parametrize("rows", [pytest.param(4_000_000, id="L15-text")])
-def test_fault(rows, tmp_path):
-    """What a long text takes does not grow with it: four million rows, whose poses alone would be 0.6 GB."""
-    robot, log = tmp_path / "robot.yaml", tmp_path / "run.csv"
-    robot.write_text(ROBOT.partition("log:")[0])
-    with log.open("w") as file:
+def write_rows(path: Path) -> None:
+    with path.open("w") as file:
         file.write("time,left.position,right.position\n")
-        file.writelines(f"{k * 0.02:.2f},{k * 0.1:.3f},{k * 0.11:.3f}\n" for k in range(rows))
+        file.writelines(f"{k * 0.02:.2f},{k * 0.1:.3f},{k * 0.11:.3f}\n" for k in range(4_000_000))
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize(
+    ("name", "write", "described"),
+    [
+        pytest.param("run.csv", write_rows, ROBOT.partition("log:")[0], id="L15-text"),
+        pytest.param("run.mcap", write_joints, ROBOT, id="L15-mcap"),
+    ],
+)
+def test_fault(name, write, described, tmp_path):
+    """What a long log takes does not grow with it: four million rows, whose poses alone would be 0.6 GB."""
+    robot, log = tmp_path / "robot.yaml", tmp_path / name
+    robot.write_text(described)
+    write(log)
     code, seconds, peak, said = measured("track", log, "--robot", robot, "-o", tmp_path / "out.tum")
-    print(f"{log.stat().st_size / 1e6:.0f} MB of text: {seconds:.1f} s, {peak:.0f} MiB at most")
+    print(f"{log.stat().st_size / 1e6:.0f} MB of {name}: {seconds:.1f} s, {peak:.0f} MiB at most")
     assert code == 0, said
     assert peak < MOST_MEMORY
+    with (tmp_path / "out.tum").open() as file:
+        assert sum(1 for _ in file) >= 4_000_000

@@ -302,3 +302,38 @@ def test_fault(row, tmp_path, monkeypatch, capsys):
         said.append(((tmp_path / "out.csv").read_bytes(), capsys.readouterr()))
         monkeypatch.setattr("trundle.adapters.log.read_log", None)
     assert said[0] == said[1]
+
+
+def cut(content):
+    return content[: 2 * len(content) // 3]
+
+
+def flipped(content):
+    at = len(content) // 3
+    return content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        pytest.param(cut, "what came behind is lost", id="L2"),
+        pytest.param(flipped, "s) cannot be decompressed", id="L3"),
+    ],
+)
+@pytest.mark.parametrize("long", [1, 1 << 30], ids=["pieces", "whole"])
+def test_damage_by_command(spoil, words, long, tmp_path, monkeypatch, capsys):
+    """Refused without `--salvage`; with it the loss is told, and the exit code is 4."""
+    monkeypatch.setattr("trundle.adapters.log.LONG", long)
+    path = recorded(tmp_path / "run.mcap")
+    path.write_bytes(spoil(path.read_bytes()))
+    (tmp_path / "robot.yaml").write_text(
+        "drive: {type: differential, track_width: 0.2, wheel_radius: 0.04}\n"
+        "log: {wheels: {left: {topic: /wheels, name: left}, right: {topic: /wheels, name: right}}}\n"
+    )
+    command = ["track", str(path), "--robot", str(tmp_path / "robot.yaml"), "-o", str(tmp_path / "out.csv")]
+    assert main(command) == 3
+    assert not (tmp_path / "out.csv").exists()
+    capsys.readouterr()
+    assert main([*command, "--salvage"]) == 4
+    said = "".join(capsys.readouterr())
+    assert words in " ".join(said.split())

@@ -51,7 +51,7 @@ Array = npt.NDArray[Any]
 Stamps = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-PIECE = 1 << 18  # messages: twice those by which units and widths are judged
+PIECE = 1 << 17  # messages: as many as it takes to tell what is doubtful about a log
 
 
 def read_bag_log(path: Path, robot: Robot, mapping: LogMapping, *, salvage: bool = False) -> WheelLog:

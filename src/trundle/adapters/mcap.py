@@ -329,8 +329,7 @@ class McapFile:
             case Kind.MESSAGE:
                 self._take_message(record)
             case Kind.CHUNK:
-                self._chunks.append(self._chunk(record))
-                self._release(self._chunks[-1])
+                self._take_chunk(record)
             case Kind.MESSAGE_INDEX:
                 self._take_message_index(record)
             case Kind.CHUNK_INDEX:
@@ -341,6 +340,11 @@ class McapFile:
                 self._take_data_end(record)
             case Kind.FOOTER:
                 self._take_footer(record)
+
+    def _take_chunk(self, record: Record) -> None:
+        for former in self._chunks[-1:]:  # whose index has been read as well by now
+            self._release(former)
+        self._chunks.append(self._chunk(record))
 
     def _take_message(self, record: Record) -> None:
         last = self._chunks[-1] if self._chunks else None
@@ -556,7 +560,8 @@ class McapFile:
         """Let go of pages that were read, so that memory does not grow with the file."""
         if hasattr(self._map, "madvise"):
             start = chunk.start - chunk.start % mmap.PAGESIZE
-            self._map.madvise(mmap.MADV_DONTNEED, start, chunk.stop - start)
+            indexes = [presence.index[1] for presence in chunk.channels.values() if presence.index]
+            self._map.madvise(mmap.MADV_DONTNEED, start, max([chunk.stop, *indexes]) - start)
 
 
 def _later(first: Iterable[int]) -> list[int]:
