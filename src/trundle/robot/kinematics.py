@@ -306,9 +306,7 @@ class Kinematics:
     ) -> WheelCommand:
         now = self._standstill if steering is None else steering
         if len(now) != len(self._steered):
-            raise ShapeError(
-                f"steering: {len(now)} given, must be {len(self._steered)} {self.steered_names}"
-            )
+            raise ShapeError(f"steering: {len(now)} given, must be {len(self._steered)} {self.steered_names}")
         speeds: list[float] = []
         angles: list[float] = []
         still = _STANDSTILL * (abs(vx) + abs(vy) + abs(omega) * self._reach)
