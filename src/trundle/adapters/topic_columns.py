@@ -39,7 +39,8 @@ _Matrix: TypeAlias = npt.NDArray[np.uint8]  # one message of the same size per r
 MOST_GROUPS = 16  # layouts that are looked for in one batch before its other messages are read one by one
 ROWS_COMPARED = 256  # at once: few enough to stay in the cache
 MOST_KNOWN = 64  # layouts that are remembered for one size
-EARLIEST, LATEST = int(np.iinfo(np.int64).min), int(np.iinfo(np.int64).max)  # [ns]
+EARLIEST = int(np.iinfo(np.int64).min)  # [ns]
+LATEST = int(np.iinfo(np.int64).max)  # [ns]
 
 
 @dataclass(frozen=True, slots=True)
