@@ -47,11 +47,12 @@ def minimise(columns: Columns, values: Sequence[Number]) -> Solution:
 
 def pseudo_inverse(columns: Columns) -> list[list[Number]]:
     """The matrix that takes values to the unknowns of `minimise`, as rows, one per unknown."""
-    height = len(columns[0])
-    orthogonal = _orthogonal(columns)
-    units = [[1.0 if i == k else 0.0 for i in range(height)] for k in range(height)]
-    solutions = [_against(orthogonal, unit).unknowns for unit in units]
-    return [list(row) for row in zip(*solutions, strict=True)]
+    orthogonal, squares, ratios = _orthogonal(columns)
+    rows = [[a / square for a in q] for q, square in zip(orthogonal, squares, strict=True)]
+    for j in range(len(rows) - 2, -1, -1):
+        for later, ratio in enumerate(ratios[j], start=j + 1):
+            rows[j] = [a - ratio * b for a, b in zip(rows[j], rows[later], strict=True)]
+    return rows
 
 
 class _Orthogonal(NamedTuple):

@@ -246,8 +246,8 @@ class Solver:
 
     def _expand(self, reduced: list[list[Number]]) -> list[list[Number]]:
         """N times a matrix given as rows."""
-        columns = zip(*reduced, strict=True)
-        return [list(row) for row in zip(*map(self._expand_vector, columns), strict=True)]
+        columns = list(zip(*reduced, strict=True))
+        return [[_dot(weights, column) for column in columns] for weights in zip(*self.null, strict=True)]
 
     def _expand_vector(self, unknowns: Vector) -> list[Number]:
         return [sum([column[i] * u for column, u in zip(self.null, unknowns, strict=True)]) for i in range(3)]
