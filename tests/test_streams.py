@@ -9,6 +9,7 @@ from __future__ import annotations
 import inspect
 import math
 import re
+from array import array
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -192,18 +193,18 @@ class Record:
     """States as columns, checked together: one by one that would take longer than the odometry."""
 
     def __init__(self) -> None:
-        self.numbers: list[tuple[float, ...]] = []
+        self.numbers = array("d")
 
     def add(self, state: tr.OdometryState) -> None:
         pose, twist = state.pose, state.twist
-        self.numbers.append((pose.x, pose.y, pose.theta, twist.vx, twist.vy, twist.omega, *state.upper))
-        if len(self.numbers) >= 50_000:
+        self.numbers.extend((pose.x, pose.y, pose.theta, twist.vx, twist.vy, twist.omega, *state.upper))
+        if len(self.numbers) >= 12 * 10_000:
             self.check()
 
     def check(self) -> None:
         """Everything finite, every covariance positive semi-definite."""
         table = np.array(self.numbers).reshape(-1, 12)
-        self.numbers.clear()
+        self.numbers = array("d")
         assert np.isfinite(table).all()
         full = table[:, [6, 7, 9, 7, 8, 10, 9, 10, 11]].reshape(-1, 3, 3)
         least = np.linalg.eigvalsh(full)[:, 0]
