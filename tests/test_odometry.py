@@ -450,6 +450,15 @@ def s6() -> None:
     assert (state.accepted, state.reason, state.pose) == (True, "clock_reset", before.pose)
     assert odometry.events == {"clock_reset": 1}
     assert odometry.update(5.1, [78.0, 78.0]).pose.x == pytest.approx(before.pose.x + R)
+    grown = []
+    for back in (1.0, 3600.0):  # how far says nothing of how long: what may have been driven is that of a gap
+        odometry = WheelOdometry(robot_with(max_speed=2.0, max_yaw_rate=3.0), max_gap=0.5)
+        for time in (5000.0, 5000.1, 5000.1 - back):
+            state = odometry.update(time, [50.0, 50.0])
+        assert state.reason == "clock_reset"
+        grown.append(state.upper)
+    assert grown[0] == grown[1]
+    assert [grown[0][k] for k in (0, 2, 5)] == pytest.approx([1.0, 1.0, 2.25], rel=1e-3)
 
 
 def wrap(bits: int):

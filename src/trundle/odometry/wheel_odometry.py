@@ -735,7 +735,9 @@ class WheelOdometry:
     ) -> None:
         """Count from here. Motion since the last sample was not seen: the covariance grows by it."""
         if self._reading is not None:
-            self._grow_unseen((time_ns - self._time_ns) * 1e-9)
+            # By how much a clock went back says nothing about how long it took.
+            elapsed = time_ns - self._time_ns
+            self._grow_unseen((elapsed if elapsed > 0 else self.max_gap_ns) * 1e-9)
         if self.errors is not None and self.errors.ticks:
             # Half a tick at the start is a heading that stays wrong.
             self._quantum = self.errors.gains(steering, self._has_gyro)[2]
