@@ -19,7 +19,7 @@ PROMISES = {
     ("update with covariance", "wpimath"): 1.0 / 8.0,
     ("inverse", "wpimath"): 2.0,
     ("100,000 samples, Numba", "wpimath"): 800.0,
-    ("100,000 samples, NumPy", "wpimath"): 90.0,
+    ("100,000 samples, NumPy", "wpimath"): 60.0,
     ("10,000,000 samples, Numba", "compiled copy"): 1.0 / 2.0,
     ("4096 robots x 1000 steps, Numba", "compiled copy"): 1.0 / 3.0,
     ("JointState, MCAP", "rosbags"): 60.0,
