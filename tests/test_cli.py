@@ -602,6 +602,47 @@ def stopped(number, code):
     return check
 
 
+def not_stopped(folder):
+    """Under nohup a terminal that is gone stops nothing."""
+    log, output = straight(folder / "run.csv"), folder / "run.tum"
+    (folder / "robot.yaml").write_text(DIFFERENTIAL)
+    words = ["track", log, "--robot", folder / "robot.yaml", "-o", output]
+    program = STOPPED.replace(
+        "import signal, sys", "import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN)"
+    )
+    command = [sys.executable, "-c", program, str(int(signal.SIGHUP)), *map(str, words)]
+    assert subprocess.run(command, capture_output=True, check=False).returncode == 0
+    assert output.read_text() == "0 0 0"
+
+
+# Reads and writes through pyarrow, and sees whether that loads pandas, whose import swallows Ctrl-C.
+THROUGH_PYARROW = """
+import importlib.util, sys
+import pyarrow
+from trundle.adapters import text_table
+from trundle.apps.cli import main
+
+assert importlib.util.find_spec("pandas")
+handlers = []
+pyarrow.enable_signal_handlers = handlers.append
+text_table.WORTH_PYARROW = 0
+log, robot, folder = sys.argv[1:]
+assert main(["track", log, "--robot", robot, "-o", folder + "/one.parquet"]) == 0
+assert main(["convert", folder + "/one.parquet", folder + "/two.parquet"]) == 0
+assert "pandas" not in sys.modules
+assert set(handlers) == {False}  # its own come too late for short calls
+"""
+
+
+def no_pandas(folder):
+    """Ctrl-C works while columns go through pyarrow."""
+    (folder / "robot.yaml").write_text(DIFFERENTIAL)
+    words = [straight(folder / "run.csv"), folder / "robot.yaml", folder]
+    command = [sys.executable, "-c", THROUGH_PYARROW, *map(str, words)]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+
+
 def broken_pipe(folder):
     read, write = os.pipe()
     os.close(read)
@@ -710,6 +751,35 @@ def output_is_there(folder):
     assert (folder / "old.png").read_bytes().startswith(b"\x89PNG")
 
 
+def output_is_an_input(folder):
+    """Neither the reference that the description names is replaced nor a part of a recording."""
+    log, truth, robot = straight(folder / "run.csv"), folder / "truth.csv", folder / "robot.yaml"
+    robot.write_text(DIFFERENTIAL + "log: {reference: {file: truth.csv, columns: [x, y, theta]}}\n")
+    (folder / "plain.yaml").write_text(DIFFERENTIAL)
+    about = robot.read_bytes()
+    words = ["track", str(log), "--robot", str(folder / "plain.yaml"), "-o", str(truth)]
+    assert main(words) == 0
+    before = truth.read_bytes()
+    for words in (
+        ["track", log, "--robot", robot, "-o", truth],
+        ["convert", log, truth, "--robot", robot],
+        ["calibrate", log, "--robot", robot, "-o", robot],
+    ):
+        assert main([*map(str, words), "--force"]) == 2
+    assert (truth.read_bytes(), robot.read_bytes()) == (before, about)
+    assert main(["track", str(log), "--robot", str(robot), "-o", str(folder / "new.csv")]) == 0
+
+    bag = folder / "bag"
+    bag.mkdir()
+    (bag / "run.mcap").write_bytes(b"a recording")
+    (folder / "link").symlink_to(bag)
+    for source in (bag, folder / "link"):
+        for name in ("run.mcap", "new.mcap"):
+            words = ["track", str(source), "--robot", str(robot), "-o", str(bag / name), "--force"]
+            assert main(words) == 2
+    assert [(path.name, path.read_bytes()) for path in bag.iterdir()] == [("run.mcap", b"a recording")]
+
+
 def one_file_twice(folder):
     (folder / "robot.yaml").write_text(DIFFERENTIAL)
     log, both = straight(folder / "run.csv"), folder / "run.svg"
@@ -723,6 +793,9 @@ def one_file_twice(folder):
 FAULTS = {
     "X2-command-interrupt": stopped(signal.SIGINT, 130),
     "X2-command-terminate": stopped(signal.SIGTERM, 143),
+    "X2-command-hang-up": stopped(signal.SIGHUP, 129),
+    "X2-command-nohup": not_stopped,
+    "X2-command-pyarrow": no_pandas,
     "X2-command-kill": stopped(signal.SIGKILL, -9),
     "X3-command-pipe": broken_pipe,
     "X3-command-closed": no_stdout,
@@ -732,6 +805,7 @@ FAULTS = {
     "X3-command-name": name_without_encoding,
     "X3-command-long": long_path,
     "X4-command-output": output_is_there,
+    "X4-command-input": output_is_an_input,
     "X4-command-failure": one_file_twice,
 }
 

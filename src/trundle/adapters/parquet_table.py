@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trundle.adapters.arrow_column import numbers_of
 from trundle.adapters.number_columns import Mask, kept_rows
 from trundle.adapters.numeral import Numeral, Stamp
 from trundle.adapters.table import ColumnName, Rows, Wanted, column_index
@@ -66,10 +67,10 @@ def _column(column: Any, want: Wanted) -> tuple[npt.NDArray[Any], Mask, Mask]:
         column, numeral = column.cast("timestamp[ns]").cast("int64"), Stamp(Unit.NS)
     if want.hold:
         column = compute.fill_null_forward(column)
-    absent = column.is_null().to_numpy()
+    absent = numbers_of(column.is_null().cast("uint8")).astype(bool)
     if absent.any():
         column = compute.fill_null(column, 0)
-    numbers = column.to_numpy()
+    numbers = numbers_of(column)
     values, refused = numeral.of_numbers(numbers)
     finite = np.isfinite(numbers)
     return values, absent | (refused & finite), refused & ~finite

@@ -86,7 +86,7 @@ def table_log_pieces(path: Path, robot: Robot, mapping: LogMapping) -> Iterator[
         yield wheel_log_of(table, robot, mapping)
         return
     plan = _Plan(table, robot, mapping)
-    reference, warnings = _reference(table, plan.mapping, plan.time)
+    reference, warnings = _reference(table, plan)
     for number, rows in enumerate(table.pieces(plan.wanted.columns)):
         log = plan.log(rows, is_first=not number)
         yield log if number else replace(log, reference=reference, warnings=(*log.warnings, *warnings))
@@ -97,7 +97,7 @@ def wheel_log_of(table: Table, robot: Robot, mapping: LogMapping) -> WheelLog:
     plan = _Plan(table, robot, mapping)
     rows = table.read(plan.wanted.columns)
     log = plan.log(rows)
-    reference, warnings = _reference(table, plan.mapping, plan.time)
+    reference, warnings = _reference(table, plan)
     if reference is not None and plan.time.kind is Kind.INCREMENT and rows.rejected:
         reference, warnings = None, ("the log's reference is left out: rows without a time lie between",)
     return replace(log, reference=reference, warnings=(*log.warnings, *warnings))
@@ -109,12 +109,14 @@ class _Plan:
     Attributes:
         mapping: With the default columns that the table has.
         time: Where its time stands.
+        declared_time: What the description says of it, if anything.
         wanted: The columns.
     """
 
     def __init__(self, table: Table, robot: Robot, mapping: LogMapping) -> None:
         path = table.path
         dialect = table.dialect_hint if isinstance(table, TextTable) else ""
+        self.declared_time = mapping.time
         mapping = with_default_columns(mapping, robot, path, table.names, dialect)
         self.path, self.robot, self.mapping = path, robot, mapping
         self.time = mapping.time or default_time(table.names)
@@ -229,22 +231,20 @@ def _beside(columns: list[Array]) -> Array | None:
 # --- the reference -------------------------------------------------------------------------------
 
 
-def _reference(
-    table: Table, mapping: LogMapping, time: TimeMapping
-) -> tuple[Trajectory | None, tuple[str, ...]]:
+def _reference(table: Table, plan: _Plan) -> tuple[Trajectory | None, tuple[str, ...]]:
     """The reference and what was wrong with some of its rows.
 
     It is read in a pass of its own: where tracking was lost, the wheels still turned.
     """
-    reference = mapping.reference
+    reference, time = plan.mapping.reference, plan.time
     if reference is None:
         return None, ()
     if reference.file is not None:
         other = table.path.parent / reference.file
         if is_motive(beginning_of(other)):
             return _take(other, reference), ()
-        table = open_table(other, mapping.table)
-        time = reference.time or (time if mapping.time else default_time(table.names))
+        table = open_table(other, plan.mapping.table)
+        time = reference.time or plan.declared_time or default_time(table.names)
     if reference.columns is None:
         raise _needs_columns(table.path, "log.reference.topic", reference.topic)
     try:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import codecs
 import csv
-import io
 import itertools
 import statistics
 from collections import Counter
@@ -21,6 +20,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from trundle.adapters.arrow_column import numbers_of
 from trundle.adapters.numeral import Beyond, Nonfinite, Numeral, Real, plain
 from trundle.adapters.table import ColumnName, Rows, Wanted, column_index
 from trundle.errors import LogError, LogLimit, LogSchema
@@ -298,9 +298,12 @@ class _Arrow:
         import pyarrow as pa
         from pyarrow import csv as reader
 
+        # Its handlers hand a signal to a thread, which may come too late for calls as short as these: now and
+        # then a Ctrl-C would be lost.
+        pa.enable_signal_handlers(False)
         self.wanted = wanted
         self.places = [f"f{place}" for place in places]
-        self.parse, self.invalid = reader.read_csv, pa.ArrowInvalid
+        self.file, self.parse, self.invalid = pa.BufferReader, reader.read_csv, pa.ArrowInvalid
         types = {
             name: pa.int64() if want.numeral.whole else pa.float64()
             for name, want in zip(self.places, wanted, strict=True)
@@ -330,12 +333,12 @@ class _Arrow:
     def columns(self, block: bytes) -> Columns | None:
         """The wanted columns, or None if anything about the block is not plain."""
         try:
-            table = self.parse(io.BytesIO(block), **self.options)
+            table = self.parse(self.file(block), **self.options)
         except self.invalid:
             return None
         columns = []
         for name, want in zip(self.places, self.wanted, strict=True):
-            column, refused = want.numeral.of_numbers(table.column(name).to_numpy())
+            column, refused = want.numeral.of_numbers(numbers_of(table.column(name)))
             if refused.any() or not want.numeral.is_exact(column):
                 return None
             columns.append(column)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from trundle.adapters.arrow_column import arrow_column
 from trundle.adapters.default_columns import default_time
 from trundle.adapters.numeral import Real, Stamp
 from trundle.adapters.table import Wanted, open_table
@@ -83,7 +84,7 @@ def write_trajectory_parquet(trajectory: Trajectory, path: Path) -> None:
         raise MissingExtra("pyarrow", "parquet") from None
     with path.open("wb") as file:
         parquet.write_table(
-            pa.table({name: pa.array(column) for name, column in _columns(trajectory).items()}), file
+            pa.table({name: arrow_column(column) for name, column in _columns(trajectory).items()}), file
         )
 
 

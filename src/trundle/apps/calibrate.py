@@ -12,6 +12,7 @@ from cyclopts import Parameter
 from trundle.apps.calibration_files import CalibrationFiles
 from trundle.apps.calibration_runs import Drives
 from trundle.apps.exit_code import ExitCode
+from trundle.apps.output_file import files_of
 from trundle.apps.progress import Progress
 from trundle.apps.wording import aligned, labelled, plural, wrapped
 
@@ -89,12 +90,13 @@ def calibrate(
         robot=output, picture=plot, report=report, ros2=ros2, myconfig=myconfig, wpilib=wpilib
     )
     drives = Drives(logs, reference=reference, rolled=rolled, spun=spun, closed=closed)
-    outputs.check([*logs, robot, *drives.files], force=force)
+    described = load_robot(robot)
+    inputs = [path for log in logs for path in files_of(log, described)]
+    outputs.check([*inputs, robot, *drives.files], force=force)
     if hold_out is not None and (hold_out < 0 or hold_out == 1):
         raise InputError(f"--hold-out {hold_out}: must be 2 or more groups, or 0 to judge nothing")
     from trundle.calibrate import calibrate as estimate
 
-    described = load_robot(robot)
     outputs.try_out(described)
     wanted = _split(parameters)
 

@@ -138,6 +138,7 @@ def _plain_text(error: UnicodeError) -> tuple[str | bytes, int]:
     return shown.encode("ascii", "backslashreplace").decode("ascii"), error.end
 
 
+_ENDINGS = ("SIGTERM", "SIGHUP")  # Windows knows the first only
 _PLAIN = "trundle.plain"
 codecs.register_error(_PLAIN, _plain_text)
 
@@ -157,7 +158,10 @@ def _close_stdout() -> None:
 
 @contextlib.contextmanager
 def _terminated_cleanly() -> Iterator[None]:
-    """SIGTERM ends the program through its `finally` blocks, so that no half-written file is left."""
+    """SIGTERM, and SIGHUP of a terminal that is gone, end the program through its `finally` blocks.
+
+    So no half-written file is left. Under `nohup` SIGHUP is ignored, and stays so.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -165,8 +169,13 @@ def _terminated_cleanly() -> Iterator[None]:
     def leave(number: int, _frame: FrameType | None) -> None:
         raise SystemExit(128 + number)
 
-    before = signal.signal(signal.SIGTERM, leave)
+    numbers = [number for name in _ENDINGS if (number := getattr(signal, name, None)) is not None]
+    before = {number: signal.getsignal(number) for number in numbers}
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, leave)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -11,11 +11,12 @@ from cyclopts import Parameter
 from trundle.adapters.content import KINDS_OF_LOG
 from trundle.adapters.trajectory_format import holdings
 from trundle.apps.exit_code import ExitCode
-from trundle.apps.output_file import check_output
+from trundle.apps.output_file import check_output, files_of
 from trundle.apps.wording import counted, labelled, plural, seconds
 
 if TYPE_CHECKING:
     from trundle.records import Trajectory, WheelLog
+    from trundle.robot import Robot
 
 __all__ = ["convert"]
 
@@ -42,13 +43,15 @@ def convert(
         sort: Put rows of a log in the order of time, however late they come; without it, up to one second.
         force: Replace a file that exists.
     """
+    from trundle.adapters.robot_yaml import load_robot
     from trundle.adapters.trajectory import TRAJECTORY_SUFFIXES, write_trajectory
 
-    inputs = [path for path in (source, robot) if path is not None]
     if robot is not None:
+        described = load_robot(robot)
+        inputs = [*files_of(source, described), robot]
         check_output(output, suffixes=(".csv",), inputs=inputs, force=force)
-        return _convert_log(source, robot, output, salvage=salvage, sort=sort, force=force)
-    check_output(output, suffixes=TRAJECTORY_SUFFIXES, inputs=inputs, force=force)
+        return _convert_log(source, described, output, salvage=salvage, sort=sort, force=force)
+    check_output(output, suffixes=TRAJECTORY_SUFFIXES, inputs=[source], force=force)
     trajectory = _trajectory_of(source, body)
     write_trajectory(trajectory, output, force=force)
     facts = [
@@ -78,13 +81,12 @@ def _trajectory_of(source: Path, body: str | None) -> Trajectory:
 
 
 def _convert_log(
-    source: Path, robot: Path, output: Path, *, salvage: bool, sort: bool, force: bool
+    source: Path, robot: Robot, output: Path, *, salvage: bool, sort: bool, force: bool
 ) -> ExitCode:
     from trundle.adapters.log import read_log
-    from trundle.adapters.robot_yaml import load_robot
     from trundle.adapters.wheel_log_csv import write_log
 
-    log = read_log(source, load_robot(robot), salvage=salvage, sort=sort)
+    log = read_log(source, robot, salvage=salvage, sort=sort)
     write_log(log, output, force=force)
     moved = log.reference is not None and log.reference.time_ns.tolist() != log.time_ns.tolist()
     there = ("the reference has stamps of its own; it was put at those of the rows",) if moved else ()

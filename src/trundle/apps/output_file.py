@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from trundle.errors import InputError, OutputError
 
-__all__ = ["check_output"]
+if TYPE_CHECKING:
+    from trundle.robot import Robot
+
+__all__ = ["check_output", "files_of"]
 
 
 def check_output(path: Path, *, suffixes: Sequence[str], inputs: Sequence[Path], force: bool) -> None:
@@ -16,11 +20,12 @@ def check_output(path: Path, *, suffixes: Sequence[str], inputs: Sequence[Path],
     Args:
         path: Where a result shall stand.
         suffixes: What its name may end in.
-        inputs: Files that it is made from; nothing replaces them, `force` neither.
+        inputs: Files and folders that it is made from; nothing replaces them, `force` neither.
         force: Replace a file that exists.
 
     Raises:
-        InputError: If the suffix is another one, the file is an input, or exists and `force` is not given.
+        InputError: If the suffix is another one, the file is an input or lies in one, or exists and `force`
+            is not given.
         OutputError: If its folder does not exist.
     """
     if path.suffix.lower() not in suffixes:
@@ -29,5 +34,17 @@ def check_output(path: Path, *, suffixes: Sequence[str], inputs: Sequence[Path],
         raise OutputError(f"{path}: there is no folder {path.parent}")
     if path.exists() and any(one.exists() and path.samefile(one) for one in inputs):
         raise InputError(f"{path}: is the input itself, must be another file; --force does not replace it")
+    if folder := next((one for one in inputs if one.is_dir() and _lies_in(path, one)), None):
+        raise InputError(f"{path}: lies in the input {folder}, must stand elsewhere; --force does not help")
     if path.exists() and not force:
         raise InputError(f"{path}: exists; --force replaces it")
+
+
+def files_of(log: Path, robot: Robot) -> list[Path]:
+    """A log, and the file beside it that holds its reference, where the robot's description names one."""
+    reference = robot.log.reference
+    return [log] if reference is None or reference.file is None else [log, log.parent / reference.file]
+
+
+def _lies_in(path: Path, folder: Path) -> bool:
+    return path.resolve().is_relative_to(folder.resolve())

@@ -15,7 +15,7 @@ from cyclopts import Parameter
 from trundle.adapters.content import KINDS_OF_LOG
 from trundle.adapters.trajectory_format import holdings
 from trundle.apps.exit_code import ExitCode
-from trundle.apps.output_file import check_output
+from trundle.apps.output_file import check_output, files_of
 from trundle.apps.progress import Progress
 from trundle.apps.travelled import Travelled
 from trundle.apps.wording import angle, counted, digits, labelled, length, seconds
@@ -68,7 +68,8 @@ def track(
     from trundle.errors import InputError, LogError, MissingExtra
     from trundle.odometry.integrate import integrate
 
-    inputs = [path for path in (log, robot, reference) if path is not None]
+    described = load_robot(robot)
+    inputs = [*files_of(log, described), robot, *([] if reference is None else [reference])]
     check_output(output, suffixes=TRAJECTORY_SUFFIXES, inputs=inputs, force=force)
     if plot is not None:
         check_output(plot, suffixes=_PICTURES, inputs=inputs, force=force)
@@ -77,7 +78,6 @@ def track(
         if importlib.util.find_spec("matplotlib") is None:
             raise MissingExtra("matplotlib", "plot")
 
-    described = load_robot(robot)
     plain = plot is None and reference is None and not sort and integrator != "symmetric"
     if plain and output.suffix.lower() in SUFFIXES_IN_PIECES and is_long(log, described):
         return _track_pieces(log, described, output, integrator, salvage=salvage, force=force)
