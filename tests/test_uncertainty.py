@@ -63,8 +63,7 @@ def runs_of(kind: str, length: float, degrees: float, runs: int, steps: int = 40
     model = ErrorModel(DIFF, tr.Noise(wheel_distance=sigma), {})
     gains = model.gains((), False)
     noise = model.noise(gains, list(measured), step, 0.0, False, np)
-    upper = path.covariances(standard, step, noise, poses, ZERO, (0.0, 0.0, 0.0))
-    end = [part[:, -1] for part in upper]
+    end = path.covariances(standard, step, noise, poses, ZERO, (0.0, 0.0, 0.0)).independent
     covariance = np.stack(
         [np.stack([end[k] for k in row], -1) for row in ((0, 1, 3), (1, 2, 4), (3, 4, 5))], -2
     )

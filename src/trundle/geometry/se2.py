@@ -36,11 +36,11 @@ def sinc(angle: Array) -> Array:
     return xp.where(near, _series(square, 1.0), xp.sin(safe) / safe)
 
 
-def _series(square: Array, largest: float) -> Array:
+def _series(square: Array, largest: float, terms: tuple[float, ...] = _SINC) -> Array:
     """sin(a)/a from a^2, with as many terms as the largest a^2 needs for full precision."""
-    count = next((k for k, c in enumerate(_SINC) if abs(c) * largest**k < 1e-17), len(_SINC))
-    series = _SINC[count - 1]
-    for coefficient in _SINC[count - 2 :: -1] if count > 1 else ():
+    count = next((k for k, c in enumerate(terms) if abs(c) * largest**k < 1e-17), len(terms))
+    series = terms[count - 1]
+    for coefficient in terms[count - 2 :: -1] if count > 1 else ():
         series = series * square + coefficient
     return series if count > 1 else square * 0.0 + series
 
@@ -191,12 +191,13 @@ def excess(angle: Array) -> Array:
     """(angle - sin(angle)) / angle^2, which is angle/6 near zero."""
     xp = array_namespace(angle)
     square = angle * angle
-    series = _SINC[-1] * xp.ones_like(angle)
-    for coefficient in _SINC[-2:0:-1]:
-        series = series * square + coefficient
+    if is_numpy_array(angle) and angle.size:
+        largest = float(square.max())  # as in sinc
+        if largest < 1.0:
+            return -angle * _series(square, largest, _SINC[1:])
     near = square < 1.0
     safe = xp.where(near, xp.ones_like(angle), angle)
-    return xp.where(near, -series * angle, (safe - xp.sin(safe)) / (safe * safe))
+    return xp.where(near, -angle * _series(square, 1.0, _SINC[1:]), (safe - xp.sin(safe)) / (safe * safe))
 
 
 def _columns(array: Array, name: str) -> tuple[Array, Array, Array]:

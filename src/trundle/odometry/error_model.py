@@ -113,7 +113,11 @@ class ErrorModel:
         weights = [abs(angle) for angle in turned]
         if len(weights) < len(terms):
             weights += self._other_weights(step, seconds, gyro, trig, len(terms) - len(weights))
-        xx, xy, yy, xt, yt, tt = weighted_sum(weights, terms)
+        if trig is math or self._drive.steered_names:
+            xx, xy, yy, xt, yt, tt = weighted_sum(weights, terms)
+        else:
+            matrix = trig.asarray(terms).T
+            xx, xy, yy, xt, yt, tt = trig.tensordot(matrix, trig.stack(weights), axes=1)
         wrong = quantum[5]  # the heading along which the step was walked
         dx, dy, _ = step
         return (xx + wrong * dy * dy, xy - wrong * dx * dy, yy + wrong * dx * dx, xt, yt, tt)

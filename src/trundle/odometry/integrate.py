@@ -20,7 +20,7 @@ from array_api_compat import numpy as standard  # the array API, on NumPy 1.26 t
 from trundle.errors import InputError, LogSchema, ShapeError, Unobservable, did_you_mean
 from trundle.geometry import Pose2D
 from trundle.odometry import compiled, path
-from trundle.odometry.covariance import ZERO, Six, weighted_sum
+from trundle.odometry.covariance import ZERO, Six
 from trundle.odometry.encoder_counts import count_differences
 from trundle.odometry.error_model import ErrorModel
 from trundle.odometry.frozen_wheels import FROZEN_AFTER
@@ -38,7 +38,7 @@ Array = Any
 Floats = npt.NDArray[Any]
 Stamps = npt.NDArray[np.int64]
 
-BLOCK = 4096  # rows at a time: what their arrays take fits into the second-level cache
+BLOCK = 8192  # rows at a time: what their arrays take fits into the second- and third-level cache
 NEIGHBOURS = 1 << 15  # rows before and behind that say whether a row is plain: far more than FROZEN_AFTER
 
 
@@ -222,15 +222,15 @@ class _Rows:
         )
         rows, seconds = slice(1, count), elapsed * 1e-9
         with np.errstate(invalid="ignore", over="ignore"):
-            for k, (rate, slack) in enumerate(odometry.plausible.bounds):
-                good[1:] &= np.abs(self.turned(k, rows, odometry)) <= rate * seconds + slack
+            turned = [self.turned(k, rows, odometry) for k in range(len(self.wheels))]
+            for way, (rate, slack) in zip(turned, odometry.plausible.bounds, strict=True):
+                good[1:] &= np.abs(way) <= rate * seconds + slack
             if self.reading is Reading.TICKS:
                 for k, encoder in enumerate(odometry.encoders):
                     if encoder.bits is not None:
                         half_range = abs(encoder.radians_per_tick) * 2.0 ** (encoder.bits - 1)
-                        good[1:] &= np.abs(self.turned(k, rows, odometry)) < half_range
+                        good[1:] &= np.abs(turned[k]) < half_range
                         good[1:] &= odometry.plausible.declared[k] * seconds < half_range
-            turned = [self.turned(k, rows, odometry) for k in range(len(self.wheels))]
         self._leave_standing(odometry, turned, elapsed, good)
         return good
 
@@ -287,7 +287,7 @@ class _Fold:
         left = count - self.row
         self.time_ns = np.empty(left, dtype=np.int64)
         self.poses, self.twists = np.empty((left, 3)), np.empty((left, 3))
-        self.upper = None if odometry.errors is None else np.empty((left, 6))
+        self.covariances = None if odometry.errors is None else np.empty((left, 3, 3))
         self.filled = 0
         plain = self.rows.plain(odometry)
         # For each row, where the run of plain rows that it belongs to ends.
@@ -318,8 +318,8 @@ class _Fold:
             self.time_ns[at] = state.time_ns
             self.poses[at] = state.pose.x, state.pose.y, state.pose.theta
             self.twists[at] = state.twist.vx, state.twist.vy, state.twist.omega
-            if self.upper is not None:
-                self.upper[at] = state.upper
+            if self.covariances is not None:
+                self.covariances[at] = state.covariance
         return state.accepted
 
     def _block(self, rows: slice) -> int:
@@ -445,18 +445,15 @@ class _Fold:
         turned, middle, raw, seconds, turn = readings
         gains = errors.gains(middle, turn is not None, np)
         noise = errors.noise(gains, turned, raw, seconds, turn is not None, np)
-        grown = path.covariances(standard, step, noise, pose, memory.upper, memory.pose)
-        reported = weighted_sum((1.0, 1.0), (grown, gains[2]))
-        drifts = memory.drifts
-        if drifts:
-            changes = errors.drift(gains, turned, raw, turn)
-            sums = path.drifts(standard, changes, step, pose, drifts)
-            reported = path.with_drifts(standard, reported, sums, pose)
-            drifts = [(float(x[-1]), float(y[-1]), float(t[-1])) for x, y, t in sums]
-        assert self.upper is not None
-        for k, column in enumerate(reported):
-            self.upper[out, k] = column
-        return _last(grown, seconds.shape), _last(gains[2], seconds.shape), drifts
+        changes = errors.drift(gains, turned, raw, turn) if memory.drifts else ()
+        found = path.covariances(
+            standard, step, noise, pose, memory.upper, memory.pose, changes, memory.drifts
+        )
+        assert self.covariances is not None
+        for (i, j), column, tick in zip(_UPPER, found.upper, gains[2], strict=True):
+            self.covariances[out, i, j] = self.covariances[out, j, i] = column + tick
+        drifts = [(float(x), float(y), float(t)) for x, y, t in found.drifts]
+        return _last(found.independent), _last(gains[2]), drifts
 
     def trajectory(self, lost: Mapping[str, int]) -> Trajectory:
         """What came of the last run; `lost` are rows that never reached us."""
@@ -466,7 +463,7 @@ class _Fold:
             time_ns=self.time_ns[: self.filled],
             poses=self.poses[: self.filled],
             twists=self.twists[: self.filled],
-            covariances=None if self.upper is None else self.upper[: self.filled][:, _FULL].reshape(-1, 3, 3),
+            covariances=None if self.covariances is None else self.covariances[: self.filled],
             rejected=rejected,
             events=self._since("events", self.odometry.events),
         )
@@ -592,7 +589,7 @@ def _blocks(robots: int, steps: int, span: int) -> Iterator[tuple[slice, list[sl
 
     Blocks of rows share their end points.
     """
-    size = max(1, 4 * BLOCK // max(min(steps, span), 1))
+    size = max(1, 2 * BLOCK // max(min(steps, span), 1))
     rows = [slice(row, min(row + span, steps - 1) + 1) for row in range(0, steps - 1, span)]
     for first in range(0, robots, size):
         yield slice(first, first + size), rows
@@ -609,7 +606,7 @@ def _in_blocks(
     """The walk by arrays; the state is passed on from block to block."""
     robots, steps, _ = positions.shape
     # The symmetric correction looks ahead, so its steps stay together.
-    span = max(steps, 1) if way is Integrator.SYMMETRIC else 4 * BLOCK
+    span = max(steps, 1) if way is Integrator.SYMMETRIC else 2 * BLOCK
     poses[:, :1] = 0.0
     for group, blocks in _blocks(robots, steps, span):
         start: Sequence[Any] = (0.0, 0.0, 0.0)
@@ -650,7 +647,7 @@ def _compiled(
         return
     robots, steps, _ = positions.shape
     body = np.zeros((robots, steps, 3))
-    for group, blocks in _blocks(robots, steps, 4 * BLOCK):
+    for group, blocks in _blocks(robots, steps, 2 * BLOCK):
         for rows in blocks:
             angles = None if steering is None else steering[group, rows]
             for k, part in enumerate(_steps(standard, drive, positions[group, rows], angles)):
@@ -659,8 +656,8 @@ def _compiled(
     compiled.walk(np.eye(3).tolist(), body, time_ns, way, poses)
 
 
-def _last(six: Six, shape: tuple[int, ...]) -> Six:
-    xx, xy, yy, xt, yt, tt = (float(np.broadcast_to(part, shape)[-1]) for part in six)
+def _last(six: Six) -> Six:
+    xx, xy, yy, xt, yt, tt = (float(np.ravel(part)[-1]) for part in six)
     return (xx, xy, yy, xt, yt, tt)
 
 
@@ -694,7 +691,7 @@ def _midway(then: Array, now: Array, xp: Any = np) -> Array:
     return then + 0.5 * (change - math.tau * xp.round(change / math.tau))
 
 
-_FULL = [0, 1, 3, 1, 2, 4, 3, 4, 5]
+_UPPER = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 _ARGUMENT = {
     Reading.POSITION: "positions",
     Reading.INCREMENT: "increments",

@@ -6,17 +6,18 @@ any array library; the last axis is time, leading axes are robots.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from array_api_compat import is_numpy_array
 
 from trundle.geometry import se2
-from trundle.odometry.covariance import Six, mapped, outer, rotated, weighted_sum
+from trundle.odometry.covariance import Six, rotated
 from trundle.odometry.integrator import Integrator, commutator_factor
 
-__all__ = ["corrected", "covariances", "drifts", "poses", "with_drifts"]
+__all__ = ["Uncertainty", "corrected", "covariances", "poses"]
 
 Array = Any
 Columns = Sequence[Array]
@@ -82,80 +83,202 @@ def poses(xp: Any, step: Columns, integrator: Integrator, start: Columns) -> tup
     return start[0] + x, start[1] + y, heading
 
 
-def covariances(xp: Any, step: Columns, noise: Six, pose: Columns, before: Six, origin: Columns) -> Six:
-    """Upper triangles of the body-frame covariance after each step, each (..., steps).
+class Uncertainty(NamedTuple):
+    """What `covariances` found.
+
+    Attributes:
+        upper: Upper triangles of the body-frame covariance after each step, each (..., steps).
+        independent: After the last step, of what is independent from step to step alone.
+        drifts: After the last step, what each error of the description has done so far.
+    """
+
+    upper: Six
+    independent: Six
+    drifts: list[Columns]
+
+
+class _Seen(NamedTuple):
+    """Symmetric matrices seen from one fixed frame.
+
+    Attributes:
+        total: xx + yy.
+        contrast: xx - yy and 2 xy, which turn like one complex number.
+        lever: x-theta, y-theta.
+        turn: theta-theta.
+    """
+
+    total: Array
+    contrast: Columns
+    lever: Columns
+    turn: Array
+
+
+def covariances(
+    xp: Any,
+    step: Columns,
+    noise: Six,
+    pose: Columns,
+    before: Six,
+    origin: Columns,
+    changes: Sequence[Columns] = (),
+    drifts: Sequence[Columns] = (),
+) -> Uncertainty:
+    """Covariance after each step.
 
     Seen from one fixed frame the adjoints vanish, the rows with theta become plain sums, and the
-    rest two first-order recurrences: running sums under running products.
+    rest two first-order recurrences: running sums under running products. That frame has the axes
+    of the odom frame, and begins where the first step does: keep spans short against its lever.
 
     Args:
         xp: Namespace of the arrays.
-        step: Displacements as measured, each (..., steps).
+        step: Displacements, corrected, each (..., steps).
         noise: Their covariances, each (..., steps).
         pose: Poses after each step, each (..., steps).
         before: Covariance before the first step.
-        origin: Pose before the first step; the fixed frame, so keep spans short against its lever.
+        origin: Pose before the first step.
+        changes: Per error of the description, what one sigma of it changes in each step's displacement.
+        drifts: What each of them has done before the first step, seen from the odom frame.
     """
+    x0, y0, heading0 = origin
+    place = (pose[0] - x0, pose[1] - y0)
     half = 0.5 * step[2]
-    noise = mapped(noise, step, (xp.sin(half), xp.cos(half)), se2.sinc(half), se2.excess(step[2]))
-    relative = _relative(xp, pose, origin)
-    wxx, wxy, wyy, wxt, wyt, wtt = _adjoint(xp, noise, relative)
-
-    ztt, ztt0 = _sums(xp, wtt, before[5])
-    zxt, zxt0 = _sums(xp, wxt, before[3])
-    zyt, zyt0 = _sums(xp, wyt, before[4])
-    # As in `covariance.propagate`: b = w (this step), a = z (all before it).
-    old, ux, uy = 1.0 - wtt / 12.0, wxt / 12.0, wyt / 12.0
-    new, vx, vy = 1.0 - ztt0 / 12.0, zxt0 / 12.0, zyt0 / 12.0
-    fxx = ux * (2.0 * old * zxt0 + ux * ztt0) + new * new * wxx + vx * (2.0 * new * wxt + vx * wtt)
-    fyy = uy * (2.0 * old * zyt0 + uy * ztt0) + new * new * wyy + vy * (2.0 * new * wyt + vy * wtt)
-    fxy = old * (ux * zyt0 + uy * zxt0) + ux * uy * ztt0
-    fxy = fxy + new * new * wxy + new * (vx * wyt + vy * wxt) + vx * vy * wtt
-    fxx = fxx + 0.25 * (ztt0 * wyy - 2.0 * zyt0 * wyt)
-    fyy = fyy + 0.25 * (ztt0 * wxx - 2.0 * zxt0 * wxt)
-    fxy = fxy + 0.25 * (zxt0 * wyt + zyt0 * wxt - ztt0 * wxy)
-    grow, shrink = old * old + 0.25 * wtt, old * old - 0.25 * wtt
-    total = _recurrence(xp, grow, fxx + fyy, before[0] + before[2])
-    contrast = _recurrence(xp, shrink, fxx - fyy, before[0] - before[2])
-    zxy = _recurrence(xp, shrink, fxy, before[1])
-    fixed = (0.5 * (total + contrast), zxy, 0.5 * (total - contrast), zxt, zyt, ztt)
-    return _adjoint_inverse(xp, fixed, relative)
+    middle = _direction(xp, pose[2] - half, 1.0)
+    end = _direction(xp, pose[2], 1.0)
+    w = _noise_seen(noise, step, se2.sinc(half), middle, end, place)
+    start = rotated(before, math.cos(heading0), math.sin(heading0))
+    seen = _grown(xp, w, start)
+    independent = _body_frame(_last(seen), _last_of(end), _last_of(place))
+    after: list[Columns] = []
+    if changes:
+        begun = [(gx - y0 * gt, gy + x0 * gt, gt) for gx, gy, gt in drifts]
+        sums = _drifted(xp, changes, step, middle, place, begun)
+        seen = _with_squares(seen, sums)
+        after = [(gx + y0 * gt, gy - x0 * gt, gt) for gx, gy, gt in map(_last_of, sums)]
+    return Uncertainty(_body_frame(seen, end, place), independent, after)
 
 
-def drifts(
-    xp: Any, changes: Sequence[Columns], step: Columns, pose: Columns, before: Sequence[Columns]
-) -> list[Columns]:
-    """What errors of the description have done after each step, seen from the odom frame.
+def _noise_seen(
+    six: Six, step: Columns, chord: Array, middle: Columns, end: Columns, place: Columns
+) -> _Seen:
+    """Ad(pose) Jr Q Jr^T Ad(pose)^T: noise of displacements, as errors seen from the fixed frame.
 
-    Args:
-        xp: Namespace of the arrays.
-        changes: Per uncertain number, what one sigma of it changes in each step's displacement.
-        step: Displacements, corrected, each (..., steps).
-        pose: Poses after each step.
-        before: The sums before the first step, per uncertain number.
+    Jr shrinks by the chord and turns back by half the step; what is left of the turn is that to the
+    heading at the step's middle. Errors of heading act from where the arc is on average.
     """
-    dx, dy, dt = step
-    x, y, heading = pose
+    dx, dy, angle = step
+    c, s = middle[0] * chord, middle[1] * chord
+    # How far from there to the end, turned back by a right angle: the last column of Jr.
+    cross, along = se2.excess(angle), 0.5 * chord * chord
+    ux, uy = cross * dx - along * dy, along * dx + cross * dy
+    cosine, sine = end
+    lx, ly = place[1] + (cosine * ux - sine * uy), (sine * ux + cosine * uy) - place[0]
+    xx, xy, yy, xt, yt, tt = six
+    kx, ky = c * xt - s * yt, s * xt + c * yt
+    wx, wy = kx + lx * tt, ky + ly * tt
+    double, across, difference = 2.0 * c * s, xy + xy, xx - yy
+    aligned = c * c - s * s
+    px, py = lx * (kx + wx), ly * (ky + wy)
+    return _Seen(
+        (along + along) * (xx + yy) + (px + py),
+        (
+            aligned * difference - double * across + (px - py),
+            double * difference + aligned * across + 2.0 * (lx * wy + ly * kx),
+        ),
+        (wx, wy),
+        tt,
+    )
+
+
+def _grown(xp: Any, w: _Seen, start: Six) -> _Seen:
+    """Sums of the noise to fourth order, as in `covariance.propagate`: b = w (this step), a = z (before)."""
+    wx, wy, wt = *w.lever, w.turn
+    sums = _running(xp, (wx, wy, wt))
+    zx1, zy1, zt1 = (part + first for part, first in zip(sums, start[3:], strict=True))
+    zx, zy, zt = zx1 - wx, zy1 - wy, zt1 - wt
+    # What a step adds to the total and to both parts of the contrast; last what is smallest.
+    old, new = 1.0 - wt * (1.0 / 12.0), 1.0 - zt * (1.0 / 12.0)
+    mixed, square, quarter = (old + new) * (1.0 / 6.0), new * new, 0.25 * zt
+    xx, yy = wx * zx, wy * zy
+    wxx, wyy, zxx, zyy = wx * wx, wy * wy, zx * zx, zy * zy
+    less, more = mixed - 0.5, mixed + 0.5
+    total = less * (xx + yy) + (square + quarter) * w.total
+    total = total + (1.0 / 144.0) * ((wxx + wyy) * zt + (zxx + zyy) * wt)
+    square = square - quarter
+    aligned = more * (xx - yy) + square * w.contrast[0]
+    aligned = aligned + (1.0 / 144.0) * ((wxx - wyy) * zt + (zxx - zyy) * wt)
+    across = more * (wx * zy + wy * zx) + square * w.contrast[1]
+    across = across + (2.0 / 144.0) * (wx * wy * zt + zx * zy * wt)
+    quarter = 0.25 * wt
+    square = old * old
+    grow = xp.cumulative_prod(square + quarter, axis=-1)
+    shrink = xp.cumulative_prod(square - quarter, axis=-1)
+    aligned, across, total = _running(xp, (aligned / shrink, across / shrink, total / grow))
+    return _Seen(
+        grow * (total + (start[0] + start[2])),
+        (shrink * (aligned + (start[0] - start[2])), shrink * (across + 2.0 * start[1])),
+        (zx1, zy1),
+        zt1,
+    )
+
+
+def _drifted(
+    xp: Any,
+    changes: Sequence[Columns],
+    step: Columns,
+    middle: Columns,
+    place: Columns,
+    begun: Sequence[Columns],
+) -> list[Columns]:
+    """What errors of the description have done after each step, seen from the fixed frame."""
+    dx, dy, _ = step
+    c, s = middle
     # Each acts where the step was at its middle.
-    c, s = _direction(xp, heading - 0.5 * dt, 1.0)
-    x, y = x - 0.5 * (c * dx - s * dy), y - 0.5 * (s * dx + c * dy)
-    found: list[Columns] = []
-    for (px, py, pt), start in zip(changes, before, strict=True):
-        parts = (c * px - s * py + y * pt, s * px + c * py - x * pt, pt)
-        sums = (xp.cumulative_sum(part, axis=-1) for part in parts)
-        found.append([first + total for first, total in zip(start, sums, strict=True)])
-    return found
+    x, y = place[0] - 0.5 * (c * dx - s * dy), place[1] - 0.5 * (s * dx + c * dy)
+    parts: list[Array] = []
+    for px, py, pt in changes:
+        parts += (c * px - s * py + y * pt, s * px + c * py - x * pt)
+    sums = iter(_running(xp, (*parts, *(pt for _, _, pt in changes))))
+    places = [(next(sums), next(sums)) for _ in changes]
+    return [(gx + x0, gy + y0, next(sums) + t0) for (gx, gy), (x0, y0, t0) in zip(places, begun, strict=True)]
 
 
-def with_drifts(xp: Any, six: Six, sums: Sequence[Columns], pose: Columns) -> Six:
-    """Covariances with the errors of the description, each of one sigma, added."""
-    x, y, heading = pose
-    c, s = xp.cos(heading), xp.sin(heading)
-    terms = [six]
+def _with_squares(seen: _Seen, sums: Sequence[Columns]) -> _Seen:
+    """With the errors of the description, each of one sigma, added."""
+    xx = xy = yy = xt = yt = tt = 0.0
     for gx, gy, gt in sums:
-        ux, uy = gx - y * gt, gy + x * gt
-        terms.append(outer((c * ux + s * uy, c * uy - s * ux, gt)))
-    return weighted_sum([1.0] * len(terms), terms)
+        xx, xy, yy = xx + gx * gx, xy + gx * gy, yy + gy * gy
+        xt, yt, tt = xt + gx * gt, yt + gy * gt, tt + gt * gt
+    (aligned, across), (zx, zy) = seen.contrast, seen.lever
+    contrast = (aligned + (xx - yy), across + (xy + xy))
+    return _Seen(seen.total + (xx + yy), contrast, (zx + xt, zy + yt), seen.turn + tt)
+
+
+def _body_frame(seen: _Seen, heading: Columns, place: Columns) -> Six:
+    """Covariances of body-frame errors, from what the fixed frame sees."""
+    (c, s), (x, y), (zx, zy) = heading, place, seen.lever
+    kx, ky = zx - y * seen.turn, zy + x * seen.turn
+    px, py = y * (zx + kx), x * (zy + ky)
+    total = seen.total + (py - px)
+    aligned = seen.contrast[0] - (px + py)
+    across = seen.contrast[1] + 2.0 * (x * zx - y * ky)
+    along, double = c * c - s * s, 2.0 * c * s
+    aligned, across = along * aligned + double * across, along * across - double * aligned
+    return (
+        0.5 * (total + aligned),
+        0.5 * across,
+        0.5 * (total - aligned),
+        c * kx + s * ky,
+        c * ky - s * kx,
+        seen.turn,
+    )
+
+
+def _last(seen: _Seen) -> _Seen:
+    return _Seen(seen.total[..., -1], _last_of(seen.contrast), _last_of(seen.lever), seen.turn[..., -1])
+
+
+def _last_of(columns: Columns) -> Columns:
+    return [part[..., -1] for part in columns]
 
 
 def _direction(xp: Any, angle: Array, length: Array | float) -> tuple[Array, Array]:
@@ -181,6 +304,14 @@ def _two_sums(xp: Any, x: Array, y: Array) -> tuple[Array, Array]:
     return both.real, both.imag
 
 
+def _running(xp: Any, parts: Columns) -> list[Array]:
+    """Running sums of several columns."""
+    sums: list[Array] = []
+    for k in range(0, len(parts) - 1, 2):
+        sums += _two_sums(xp, parts[k], parts[k + 1])
+    return [*sums, xp.cumulative_sum(parts[-1], axis=-1)] if len(parts) % 2 else sums
+
+
 def _shifted(xp: Any, part: Array, first: Array | None) -> Array:
     """The values of the step before, beginning with `first`, or with zero."""
     if first is None:
@@ -191,38 +322,3 @@ def _shifted(xp: Any, part: Array, first: Array | None) -> Array:
 def _commutator(a: Columns, b: Columns) -> tuple[Array, Array]:
     """x and y of the Lie bracket [a, b] of se(2); its theta is zero."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2]
-
-
-def _sums(xp: Any, part: Array, start: Array) -> tuple[Array, Array]:
-    """Running sums after and before each step."""
-    after = start + xp.cumulative_sum(part, axis=-1)
-    return after, after - part
-
-
-def _recurrence(xp: Any, factor: Array, term: Array, start: Array) -> Array:
-    """y after each step of `y <- factor y + term`."""
-    product = xp.cumulative_prod(factor, axis=-1)
-    return product * (start + xp.cumulative_sum(term / product, axis=-1))
-
-
-def _relative(xp: Any, pose: Columns, origin: Columns) -> Columns:
-    x, y = pose[0] - origin[0], pose[1] - origin[1]
-    c, s = xp.cos(origin[2]), xp.sin(origin[2])
-    return c * x + s * y, c * y - s * x, pose[2] - origin[2]
-
-
-def _adjoint(xp: Any, six: Six, pose: Columns) -> Six:
-    """Ad S Ad^T: body-frame covariances seen from the frame that the poses are in."""
-    x, y, heading = pose
-    xx, xy, yy, xt, yt, tt = rotated(six, xp.cos(heading), xp.sin(heading))
-    zxt, zyt = xt + y * tt, yt - x * tt
-    return (xx + y * (xt + zxt), xy - x * xt + y * zyt, yy - x * (yt + zyt), zxt, zyt, tt)
-
-
-def _adjoint_inverse(xp: Any, six: Six, pose: Columns) -> Six:
-    """The way back."""
-    x, y, heading = pose
-    zxx, zxy, zyy, zxt, zyt, tt = six
-    xt, yt = zxt - y * tt, zyt + x * tt
-    moved = (zxx - y * (xt + zxt), zxy + x * xt - y * zyt, zyy + x * (yt + zyt), xt, yt, tt)
-    return rotated(moved, xp.cos(heading), -xp.sin(heading))

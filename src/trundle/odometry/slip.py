@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import reduce
 from operator import add, sub
 from typing import Any
 
@@ -111,7 +112,7 @@ class SlipMonitor:
         """What a step adds to `sums`; floats, or arrays with `trig` their namespace."""
         rolled = [radius * angle for radius, angle in zip(self._radii, turned, strict=True)]
         distances = [abs(way) for way in rolled]
-        furthest = max(distances) if trig is math else trig.max(trig.stack(distances), axis=0)
+        furthest = max(distances) if trig is math else reduce(trig.maximum, distances)
         values = rolled if self._plain else self._values(rolled, steering, trig)
         by_gyro = (0.0 * furthest, 0.0 * furthest) if turn is None else (turn, seconds)
         return [furthest, *distances, *values, *by_gyro, *step]

@@ -47,22 +47,30 @@ def scan_for_slip(monitor: SlipMonitor, parts: Sequence[Any], count: int, doubt:
         count: How many steps.
         doubt: How far the gyro's bias may be off [rad/s].
     """
-    table = np.empty((len(parts), count + 1))
-    table[:, 0] = monitor.sums
+    table = np.empty((len(parts), count))
     for row, part in zip(table, parts, strict=True):
-        row[1:] = part
-    sums = np.cumsum(table, axis=1)  # one after the other, so to the last digit what single steps add up to
-    windows = (sums[0] * PER_METRE).astype(np.int64)
+        row[:] = part
+    # Where windows end is found one step after the other: to the last digit what single steps add up to.
+    way = np.cumsum(np.concatenate([monitor.sums[:1], table[0]]))
+    windows = (way * PER_METRE).astype(np.int64)
     windows[0] = monitor.window
     ends = np.flatnonzero(windows[1:] != windows[:-1]) + 1
+    starts = np.concatenate([[0], ends[ends < count]])
+    each = np.add.reduceat(table, starts, axis=1)
+    moved, rest = each[:, : len(ends)], each[:, len(ends) :].sum(axis=1)
     mark, last, alarm = monitor.mark, None, None
+    sums = np.array(monitor.sums)
     if len(ends):
-        moved = sums[:, ends]
-        moved[:, 1:] -= sums[:, ends[:-1]]
-        moved[:, 0] -= mark
+        begun = sums - mark
+        sums += moved.sum(axis=1)
+        sums[0] = way[ends[-1]]
+        mark = sums.tolist()
+        moved[:, 0] += begun
+        last = moved[:, -1].tolist()
         freedom = monitor.freedom(monitor.gyro)
         if freedom > 0:
             loud = np.flatnonzero(monitor.chi_square(list(moved), doubt, np) > threshold(freedom))
             alarm = int(ends[loud[0]]) - 1 if len(loud) else None
-        mark, last = sums[:, ends[-1]].tolist(), moved[:, -1].tolist()
-    return Scan(alarm, sums[:, -1].tolist(), mark, last)
+    sums += rest
+    sums[0] = way[-1]
+    return Scan(alarm, sums.tolist(), mark, last)
