@@ -606,8 +606,31 @@ FAULTS = {
     "L12-time-since-1970": refused(
         POSITIONS + "".join(f"17000000000{k}0,1,2\n" for k in range(9)), LogSchema, "unit", "unit of the time"
     ),
+    "L12-time-cut": refused(
+        POSITIONS + "".join(f"17000000000000000{k}0,1,2\n" for k in range(9)) + "1700000000000000090,1",
+        LogSchema,
+        "unit",
+        "9 of 10 rows are stamped beyond 292 years",
+        "line 2",
+    ),
     "L12-time-ns": refused(
         "time_ns,left.position,right.position\n0,1,2\n20,1,2\n40,1,2\n", LogSchema, "unit"
+    ),
+    "L12-reference-length": refused(
+        POSITIONS.replace("\n", ",x,y\n") + "".join(f"{k / 2},1,2,{150 * k},0\n" for k in range(20)),
+        LogSchema,
+        "unit",
+        "as m the reference moves at 300 m/s",
+        "log.reference.unit: mm",
+        reference=ReferenceMapping(columns=("x", "y")),
+    ),
+    "L12-reference-angle": refused(
+        POSITIONS.replace("\n", ",x,y,a\n") + "".join(f"{k / 2},1,2,1,2,{30 * k % 360}\n" for k in range(20)),
+        LogSchema,
+        "unit",
+        "as rad the reference turns at 60 rad/s",
+        "angle_unit: deg",
+        reference=ReferenceMapping(columns=("x", "y", "a")),
     ),
     "L12-steering": refused(
         "time,front.position,front.steering\n0,1,5\n1,1,-15\n",

@@ -308,6 +308,8 @@ FAULTS = {
     "L10-utf16-big": survived(codecs.BOM_UTF16_BE + "a,b\n1,2\n5,6\n".encode("utf-16-be"), rejected=0),
     "L10-quote": survived(b'a,b\n1,2\n"3,4\n5,6\n', "line 3", "quote", rejected=1),
     "L10-utf16-unmarked": refused("a,b\n1,2\n".encode("utf-16-le"), "encoding", "UTF-8"),
+    "L10-utf32": refused("a,b\n1,2\n".encode("utf-32"), "encoding", "UTF-32"),
+    "L10-cr-alone": refused(b"a,b\r1,2\r", "encoding", "CR alone"),
     "L10-utf16-cut": refused("a,b\n1,2\n".encode("utf-16")[:-1], "encoding"),
     "L10-latin1": refused(b"a\xb0,b\n1,2\n", "encoding", "line 1"),
     "L11-semicolons": refused(b"a;b\n1;2\n3;4\n", "column", "delimited by", "log.table.delimiter"),

@@ -8,9 +8,15 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from trundle.errors import LogCorrupt, LogError
 
-__all__ = ["GZIP_MAGIC", "ZIP_MAGICS", "is_inside", "tar_names", "zip_names"]
+__all__ = ["PACKED_MAGICS", "ZIP_MAGICS", "is_inside", "tar_names", "zip_names"]
 
-GZIP_MAGIC = b"\x1f\x8b"
+PACKED_MAGICS = {
+    b"\x1f\x8b": "gzip file",
+    b"BZh": "bzip2 file",
+    b"\xfd7zXZ\0": "xz file",
+    b"7z\xbc\xaf\x27\x1c": "7-Zip archive",
+    b"Rar!\x1a\x07": "RAR archive",
+}
 ZIP_MAGICS = (b"PK\x03\x04", b"PK\x05\x06")
 TAR_MAGIC, TAR_MAGIC_AT = b"ustar", 257
 

@@ -442,4 +442,4 @@ class _BagLog:
         if len(angles) == 4:
             # A quaternion has no unit; the mapping's is for headings that are numbers.
             angles, reference = [yaw_of_quaternion(*angles)], replace(reference, angle_unit=Unit.RAD)
-        return reference_trajectory(time_ns, x, y, angles[0] if angles else None, reference)
+        return reference_trajectory(self.path, time_ns, x, y, angles[0] if angles else None, reference)

@@ -107,8 +107,9 @@ def _archive(path: Path, head: bytes) -> Content | None:
         raise _packed(path, "zip archive", names)
     if head[archive.TAR_MAGIC_AT :].startswith(archive.TAR_MAGIC):
         raise _packed(path, "tar archive", archive.tar_names(path))
-    if head.startswith(archive.GZIP_MAGIC):
-        raise _packed(path, "gzip file", [])
+    for magic, kind in archive.PACKED_MAGICS.items():
+        if head.startswith(magic):
+            raise _packed(path, kind, [])
     if head.startswith(b"\x93NUMPY"):
         from trundle.adapters.npz_table import npy_type
 
@@ -147,6 +148,10 @@ def _text(path: Path, head: bytes) -> Content:
     promised = _BINARY_SUFFIXES.get(path.suffix.lower())
     if promised is not None:
         raise LogError(path, "format", f"its content is not {promised.value}, as its name says")
+    if head.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE)):
+        raise LogError(path, "encoding", "is UTF-32; save it as UTF-8")
+    if b"\n" not in head and b"\r" in head[:-1]:
+        raise LogError(path, "encoding", "its lines end with CR alone; save it with LF or CR LF")
     wide = head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     controls = sum(byte < 32 and byte not in _TEXT_CONTROLS for byte in head)
     if not wide and controls * (10 if _is_utf8(head) else 50) > len(head):

@@ -234,9 +234,9 @@ class _Reading:
         refused = self.rejected.total()
         if not refused:
             raise LogError(self.path, "empty", "holds no object")
-        if refused == self.rejected["time_range"]:
-            problem = f"{self.faults[0]}, beyond 292 years: declare the unit of the time"
-            raise LogSchema(self.path, "unit", problem)
+        if 2 * (beyond := self.rejected["time_range"]) > refused:
+            problem = f"{beyond} of {refused} objects are stamped beyond 292 years, as {self.faults[0]}"
+            raise LogSchema(self.path, "unit", f"{problem}; declare the unit of the time")
         raise LogSchema(
             self.path, "parse", f"{refused} of {refused} objects hold no numbers: {self.faults[0]}"
         )

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from trundle.errors import ConfigError
+from trundle.errors import ConfigError, LogSchema
 from trundle.geometry import se2
 from trundle.records import Trajectory
-from trundle.robot.log_mapping import Kind, ReferenceMapping
+from trundle.robot.log_mapping import Kind, ReferenceMapping, Unit
 
 __all__ = ["TRACKED_POINT", "jumps", "reference_trajectory"]
 
@@ -19,10 +19,18 @@ TRACKED_POINT = "tracked_point"
 # No robot moves faster than this.
 FASTEST = 15.0  # m/s
 FASTEST_TURN = 30.0  # rad/s
+LONG_TURN = 10.0  # rad/s: or turns faster for long
+USUAL = 0.5  # m/s: of several units the likeliest makes it this
+FEW = 3  # seconds that are too short a run to judge units by
 
 
 def reference_trajectory(
-    time_ns: npt.NDArray[np.int64], x: Floats, y: Floats, theta: Floats | None, mapping: ReferenceMapping
+    source: object,
+    time_ns: npt.NDArray[np.int64],
+    x: Floats,
+    y: Floats,
+    theta: Floats | None,
+    mapping: ReferenceMapping,
 ) -> Trajectory:
     """The recorded poses, in SI units, of the robot's base where that can be known.
 
@@ -32,6 +40,7 @@ def reference_trajectory(
     `estimate @ mounting`. Samples without a position are left out.
 
     Args:
+        source: The file, for errors.
         time_ns: Stamps [ns], shape (N,).
         x: In the mapping's unit, shape (N,).
         y: In the mapping's unit, shape (N,).
@@ -40,6 +49,7 @@ def reference_trajectory(
 
     Raises:
         ConfigError: If they are steps, and have no heading or one is not finite: they could not be joined.
+        LogSchema: `unit`, if no robot moves or turns like that.
     """
     heading = np.full(len(time_ns), np.nan) if theta is None else theta * mapping.angle_unit.factor
     poses = np.stack([x * mapping.unit.factor, y * mapping.unit.factor, heading], axis=-1)
@@ -49,6 +59,7 @@ def reference_trajectory(
             problem = f"increment, but step {unknown[0]} is {poses[unknown[0]].tolist()}, must be finite"
             raise ConfigError("log.reference.kind", problem)
         poses = _joined(poses)
+    _check_units(source, time_ns, poses, mapping)
     mounted = mapping.mounting != (0.0, 0.0, 0.0)
     if mounted and theta is not None:
         poses = se2.compose(poses, se2.inverse(np.array(mapping.mounting)))
@@ -60,6 +71,40 @@ def reference_trajectory(
         frame="map",
         child_frame=TRACKED_POINT if elsewhere else "base_link",
     )
+
+
+def _check_units(
+    source: object, time_ns: npt.NDArray[np.int64], poses: Floats, mapping: ReferenceMapping
+) -> None:
+    """Refuse what most of the time moves or turns as no robot does: lengths or angles of another unit.
+
+    Judged from second to second, so that the jitter of fast trackers does not count.
+    """
+    measured = np.isfinite(poses[:, :2]).all(axis=1)
+    seconds, first = np.unique(time_ns[measured] // 1_000_000_000, return_index=True)
+    if len(seconds) <= FEW:
+        return
+    seen = poses[measured][first]
+    elapsed, (dx, dy, turned) = np.diff(time_ns[measured][first]) * 1e-9, np.abs(np.diff(seen, axis=0).T)
+    if (speed := _typical(np.hypot(dx, dy) / elapsed)) > FASTEST:
+        fitting = {
+            unit.value: now
+            for unit in Unit
+            if unit.dimension == "length" and (now := speed * unit.factor / mapping.unit.factor) <= FASTEST
+        }
+        likely = min(fitting, key=lambda unit: abs(np.log(fitting[unit] / USUAL)), default="")
+        advice = f"declare log.reference.unit: {likely}?" if likely else "are its columns positions?"
+        problem = f"as {mapping.unit.value} the reference moves at {speed:.3g} m/s, faster than any robot"
+        raise LogSchema(source, "unit", f"{problem}; {advice}")
+    if mapping.angle_unit is Unit.RAD and (rate := _typical(turned / elapsed)) > LONG_TURN:
+        problem = f"as rad the reference turns at {rate:.3g} rad/s, faster than any robot"
+        raise LogSchema(source, "unit", f"{problem}; declare log.reference.angle_unit: deg?")
+
+
+def _typical(rates: Floats) -> float:
+    """The median of the rates that are not nearly zero; 0 where there are none, or few."""
+    moving = rates[rates > 1e-3]
+    return float(np.median(moving)) if len(moving) >= FEW else 0.0
 
 
 def _joined(steps: Floats) -> Floats:

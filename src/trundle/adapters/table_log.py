@@ -261,7 +261,7 @@ def _reference(table: Table, plan: _Plan) -> tuple[Trajectory | None, tuple[str,
             return None, (f"the log's reference adds up row by row, so all must be whole: {broken[0]}",)
     time_ns, _ = _times(table.path, rows.columns[0], time)
     check_time(table.path, time_ns, time.unit)
-    trajectory = _trajectory(rows, time_ns, reference)
+    trajectory = _trajectory(table.path, rows, time_ns, reference)
     return trajectory, tuple(f"reference: {warning}" for warning in rows.warnings)
 
 
@@ -269,7 +269,7 @@ def _take(path: Path, mapping: ReferenceMapping) -> Trajectory:
     """The rigid body that the mapping's topic names, as OptiTrack saw it."""
     seen = read_motive(path, mapping.topic)
     x, y, theta = seen.poses.T
-    reference = reference_trajectory(seen.time_ns, x, y, theta, mapping)
+    reference = reference_trajectory(path, seen.time_ns, x, y, theta, mapping)
     return replace(reference, rejected=seen.rejected)
 
 
@@ -277,6 +277,6 @@ def _is_finite(rows: Rows) -> bool:
     return all(bool(np.isfinite(column).all()) for column in rows.columns)
 
 
-def _trajectory(rows: Rows, time_ns: Array, mapping: ReferenceMapping) -> Trajectory:
+def _trajectory(path: Path, rows: Rows, time_ns: Array, mapping: ReferenceMapping) -> Trajectory:
     _, x, y, *theta = rows.columns
-    return reference_trajectory(time_ns, x, y, theta[0] if theta else None, mapping)
+    return reference_trajectory(path, time_ns, x, y, theta[0] if theta else None, mapping)

@@ -268,10 +268,9 @@ class _Reading:
         path, refused = self.table.path, self.rejected.total()
         if not count and not refused:
             raise LogError(path, "empty", "has a header, but no row below it")
-        if not count and refused == self.rejected["time_range"]:
-            raise LogSchema(
-                path, "unit", f"{self.faults[0][1]}, beyond 292 years: declare the unit of the time"
-            )
+        if not count and 2 * (beyond := self.rejected["time_range"]) > refused:
+            problem = f"{beyond} of {refused} rows are stamped beyond 292 years, as {self.faults[0][1]}"
+            raise LogSchema(path, "unit", f"{problem}; declare the unit of the time")
         other = "," if self.table.format.decimal == "." else "."
         if self.foreign_decimals * 10 > count + refused:
             hint = f"it looks like a decimal {other!r}: if so, declare log.table.decimal: {other!r}"
