@@ -312,6 +312,17 @@ def test_compare_aligns_as_told(run, pair):
     assert "RPE 0.5 m position" in run("compare", *pair, "--distance", "0.5")[1]
 
 
+def test_what_is_left_out_of_a_trajectory_is_said(run, pair, tmp_path, robot):
+    words = "truth.csv: rows were left out: 1 unfinished"
+    estimate, truth = pair[0], tmp_path / "truth.csv"
+    truth.write_bytes(Path(estimate).read_bytes()[:-5])
+    assert words in run("compare", estimate, truth)[2]
+    assert words in run("compare", truth, estimate)[2]
+    log = straight(tmp_path / "run.csv")
+    output = tmp_path / "out.tum"
+    assert words in run("track", log, "--robot", robot, "-o", output, "--reference", truth)[2]
+
+
 def test_compare_says_what_has_no_common_time(run, pair):
     code, out, err = run("compare", *pair, "--time-offset", "1e6")
     assert (code, out) == (ExitCode.DATA, "")

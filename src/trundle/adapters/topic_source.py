@@ -122,7 +122,7 @@ class TopicSource:
                 yield header, columns
             count += len(receive)
         if not count:
-            raise LogError(self.bag.path, "empty", f"{topic} has no message")
+            raise LogError(self.bag.path, "empty", "; ".join((f"{topic} has no message", *self.bag.losses)))
         if self._clock is Clock.RECEIVE:
             return
         if delay is None:

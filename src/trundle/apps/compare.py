@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from trundle.apps.rejection import left_out
 from trundle.apps.wording import aligned, angle, digits, fixed, labelled, length, plural, seconds
 
 if TYPE_CHECKING:
@@ -46,6 +48,8 @@ def compare(
     if not math.isfinite(time_offset):
         raise InputError(f"--time-offset {time_offset:g} s, must be finite")
     pair = read_trajectory(estimate), read_trajectory(reference)
+    for words in (*left_out(estimate, pair[0]), *left_out(reference, pair[1])):
+        print(f"trundle: warning: {words}", file=sys.stderr)
     try:
         comparison = evaluate.compare(
             *pair,

@@ -13,6 +13,7 @@ from trundle.adapters.trajectory_format import holdings
 from trundle.apps.exit_code import ExitCode
 from trundle.apps.output_file import check_output, files_of
 from trundle.apps.wording import counted, labelled, plural, seconds
+from trundle.errors import InputError
 
 if TYPE_CHECKING:
     from trundle.records import Trajectory, WheelLog
@@ -51,6 +52,9 @@ def convert(
         inputs = [*files_of(source, described), robot]
         check_output(output, suffixes=(".csv",), inputs=inputs, force=force)
         return _convert_log(source, described, output, salvage=salvage, sort=sort, force=force)
+    if salvage or sort:
+        option = "--salvage" if salvage else "--sort"
+        raise InputError(f"{option}: is of wheel logs, which need --robot; a trajectory is read whole")
     check_output(output, suffixes=TRAJECTORY_SUFFIXES, inputs=[source], force=force)
     trajectory = _trajectory_of(source, body)
     write_trajectory(trajectory, output, force=force)

@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING
 from trundle.apps.wording import counted, plural
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from trundle.records import Trajectory
     from trundle.robot import Robot
 
-__all__ = ["MOST", "REASONS", "advice"]
+__all__ = ["MOST", "REASONS", "advice", "left_out"]
 
 WORTH_WORDS = 0.1  # of all rows; a few bad ones are what odometry is there for
 MOST = 0.5  # of all rows: a result without them is a partial one
@@ -55,6 +58,12 @@ def advice(rejected: Mapping[str, int], accepted: int, robot: Robot) -> list[str
     words = f"{share}: {counted(rejected)}"
     cause = _cause(max(rejected, key=lambda one: (rejected[one], one)), robot)
     return [f"{words}; {cause}" if cause else words]
+
+
+def left_out(source: Path, trajectory: Trajectory) -> tuple[str, ...]:
+    """A sentence about the rows of a trajectory's file that could not be read; none where all could."""
+    rejected = counted(trajectory.rejected)
+    return (f"{source}: rows were left out: {rejected}",) if rejected else ()
 
 
 def _cause(reason: str, robot: Robot) -> str:

@@ -64,7 +64,7 @@ def track(
     from trundle.adapters.robot_yaml import load_robot
     from trundle.adapters.trajectory import TRAJECTORY_SUFFIXES, read_trajectory, write_trajectory
     from trundle.adapters.trajectory_pieces import SUFFIXES_IN_PIECES
-    from trundle.apps.rejection import advice
+    from trundle.apps.rejection import advice, left_out
     from trundle.errors import InputError, LogError, MissingExtra
     from trundle.odometry.integrate import integrate
 
@@ -90,6 +90,7 @@ def track(
         why = advice(trajectory.rejected, len(trajectory), described)
         if not len(trajectory):
             raise LogError(log, "nothing", "; ".join((*why, *wheels.warnings)))
+        gaps = () if truth is None or reference is None else left_out(reference, truth)
         comparison, remarks = _compare(trajectory, truth, described)
         progress.step(f"writing {output.name}")
         write_trajectory(trajectory, output, force=force)
@@ -97,7 +98,7 @@ def track(
             progress.step(f"drawing {plot.name}")
             _draw(trajectory, wheels, truth, described, plot)
 
-    travelled = Travelled(warnings=(*wheels.warnings, *why, *remarks), losses=wheels.losses)
+    travelled = Travelled(warnings=(*wheels.warnings, *why, *gaps, *remarks), losses=wheels.losses)
     for _ in travelled.travel([trajectory]):
         pass
     return _tell(log, described, travelled, comparison, output, plot)
