@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import sys
 
@@ -15,7 +16,10 @@ from trundle.robot import Differential, Encoder, Robot
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 
+from trundle.apps.calibration_plot import plot_paths
+from trundle.apps.calibration_report import report_page
 from trundle.apps.plot import plot_trajectory, save_plot
+from trundle.calibrate.calibration import Calibration, RunFit
 from trundle.evaluate import transform
 
 SECOND = 1_000_000_000
@@ -242,3 +246,52 @@ def test_no_window_toolkit_and_no_pyplot_are_loaded():
         "assert 'matplotlib.pyplot' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_robot_that_turns_on_the_spot_is_a_dot():
+    poses = np.column_stack([1e-4 * np.cos(9 * TIME), 1e-4 * np.sin(9 * TIME), TIME])
+    axis = plot_trajectory(Trajectory(time_ns=STAMPS, poses=poses)).axes[0]
+    for low, high in (axis.get_xlim(), axis.get_ylim()):
+        assert high - low >= 0.19
+
+
+def test_long_names_of_wheels_stay_beside_the_picture(tmp_path):
+    names = tuple(f"wheel_{k}_of_the_rocker_bogie_at_the_front" for k in range(6))
+    wheels = np.multiply.outer(TIME, np.arange(6.0))
+    log = WheelLog(time_ns=STAMPS, wheel_names=names, wheels=wheels)
+    figure = plot_trajectory(arc(), log=log)
+    save_plot(figure, tmp_path / "a.png")  # a layout that fails warns
+    box = figure.axes[1].get_legend().get_window_extent()
+    assert box.x1 <= figure.bbox.x1
+    assert box.y1 <= figure.axes[0].get_tightbbox().y0
+    plain = plot_trajectory(arc(), reference=arc()).axes[0].get_legend()
+    assert plain._ncols == 4
+
+
+def run_fit(name, stamps, reference=None):
+    path = Trajectory(time_ns=STAMPS[:stamps], poses=arc().poses[:stamps])
+    return RunFit(name=name, before=path, after=path, reference=reference, residuals=np.zeros((stamps, 3)))
+
+
+def test_of_a_tape_measure_both_ends_are_drawn_and_no_path():
+    figure = plot_paths([run_fit("tape", 2), run_fit("camera", 101, arc())])
+    tape, camera = (lines(axis) for axis in figure.axes)
+    assert {"start", "end, before", "end, after"} <= tape.keys()
+    assert {"reference", "before", "after"} <= camera.keys()
+    (legend,) = figure.legends  # of all runs, not of the first one
+    assert {text.get_text() for text in legend.get_texts()} == {
+        "start", "end, before", "end, after", "reference", "before", "after",
+    }  # fmt: skip
+
+
+def test_a_report_draws_errors_only_where_a_reference_knows_places():
+    found = Calibration(
+        robot=robot(), estimates=(), covariance=np.zeros((0, 0)), chi2_per_dof=1.0, condition=1.0, samples=2,
+        inliers=2, fits=(run_fit("tape", 2),),
+    )  # fmt: skip
+    page = report_page(found, None, title="rover")
+    assert "Paths before and after" in page
+    assert "How far off they were" not in page
+    assert "What is left" not in page
+    seen = dataclasses.replace(found, fits=(run_fit("tape", 2), run_fit("camera", 101, arc())))
+    assert "How far off they were" in report_page(seen, None, title="rover")

@@ -29,6 +29,8 @@ MOST_RUNS = 12
 COLUMNS = 3
 WIDEST = 5.0
 """Residuals that are drawn where they are, in standard deviations."""
+LEAST = 0.2
+"""Size of a map [m]: what turns on the spot is a dot, not a scribble of micrometres."""
 
 
 def plot_calibration(calibration: Calibration, *, title: str = "") -> Figure:
@@ -47,8 +49,15 @@ def plot_calibration(calibration: Calibration, *, title: str = "") -> Figure:
         figure.suptitle(title, x=0.01, ha="left", fontsize=14, fontweight="bold", color=INK, parse_math=False)
     halves: Any = figure.subfigures(1, 2, width_ratios=(3.3 * columns, 4.6))
     _draw_runs(halves[0], fits, columns, _draw_paths)
-    _draw_estimates(halves[1], calibration.estimates)
+    _draw_estimates(_upper(halves[1], height, 1.4 + 0.5 * count), calibration.estimates)
     return figure
+
+
+def _upper(figure: Any, height: float, wanted: float) -> Any:
+    """As much of the top of it as is wanted [in]: three numbers need no tower of paths' height."""
+    if height - wanted < 1.0:
+        return figure
+    return figure.subfigures(2, 1, height_ratios=(wanted, height - wanted))[0]
 
 
 def plot_paths(fits: Sequence[RunFit]) -> Figure:
@@ -121,11 +130,16 @@ def _draw_runs(figure: Any, fits: Sequence[RunFit], columns: int, draw: Any) -> 
         axis.set_ylabel("y [m]" if draw is _draw_paths else "off by [m]")
     for axis in axes[-1]:
         axis.set_xlabel("x [m]" if draw is _draw_paths else "time [s]")
-    handles, labels = axes.flat[0].get_legend_handles_labels()
-    if handles:
+    legend = {
+        label: handle
+        for axis in axes.flat
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
+    }
+    if legend:
         figure.legend(
-            handles, labels, loc="outside upper right", ncols=len(labels), frameon=False, fontsize=9
-        )
+            legend.values(), legend.keys(), loc="outside upper right", ncols=len(legend), frameon=False,
+            fontsize=9,
+        )  # fmt: skip
 
 
 def _short(name: str, most: int = 34) -> str:
@@ -135,7 +149,12 @@ def _short(name: str, most: int = 34) -> str:
 def _draw_paths(axis: Axes, fit: RunFit) -> None:
     axis.set_aspect("equal", adjustable="datalim")
     axis.ticklabel_format(useOffset=False, style="plain")
+    axis.locator_params(nbins=5)
     axis.margins(0.08)
+    if len(fit.before) == 2:
+        _draw_ends(axis, fit)
+        return
+    _leave_room(axis, fit)
     if fit.reference is not None:
         x, y = fit.reference.poses[:, :2].T
         axis.plot(x, y, color=INK, linewidth=1.0, dashes=(4, 2), zorder=5, label="reference")
@@ -145,6 +164,22 @@ def _draw_paths(axis: Axes, fit: RunFit) -> None:
     ):
         x, y = path.poses[:, :2].T
         axis.plot(x, y, color=color, linewidth=width, label=word, zorder=3 if word == "before" else 4)
+
+
+def _draw_ends(axis: Axes, fit: RunFit) -> None:
+    """A tape measure knows two ends, and so does this picture: where it began, and where it says it ended."""
+    axis.plot(*fit.before.poses[0, :2], "o", color="none", mec=INK, mew=1.4, ms=9, label="start")
+    for path, color, word in ((fit.before, VERMILLION, "before"), (fit.after, BLUE, "after")):
+        x, y = path.poses[:, :2].T
+        axis.plot(x, y, color=color, linewidth=1.0, dashes=(1, 2))
+        axis.plot(x[-1], y[-1], "s", color=color, ms=6, label=f"end, {word}")
+
+
+def _leave_room(axis: Axes, fit: RunFit) -> None:
+    places = np.concatenate([fit.before.poses[:, :2], fit.after.poses[:, :2]])
+    low, high = np.nanmin(places, axis=0), np.nanmax(places, axis=0)
+    room = np.maximum(0.0, 0.5 * (LEAST - (high - low)))
+    axis.update_datalim([low - room, high + room])
 
 
 def _draw_errors(axis: Axes, fit: RunFit) -> None:

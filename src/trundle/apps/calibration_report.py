@@ -72,10 +72,12 @@ def report_page(
         _section("Runs that were held out", _table(held_out_rows(held_out), numbers=(1, 2, 3))),
     ]
     if calibration.fits:
+        parts.append(_figure("Paths before and after", plot_paths(calibration.fits)))
+    # A tape measure and a gyro know no places in between.
+    if seen := [fit for fit in calibration.fits if fit.reference is not None]:
         parts += [
-            _figure("Paths before and after", plot_paths(calibration.fits)),
-            _figure("How far off they were", plot_errors(calibration.fits)),
-            _figure("What is left", plot_residuals(calibration.fits)),
+            _figure("How far off they were", plot_errors(seen)),
+            _figure("What is left", plot_residuals(seen)),
         ]
     parts.append(_section("Worth knowing", _list(calibration.warnings)))
     made = f"<p class=soft>Made by Trundle {html.escape(version)}: <code>{html.escape(command)}</code></p>"

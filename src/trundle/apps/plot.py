@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import textwrap
+from collections.abc import Sequence
 from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -33,6 +34,8 @@ _CIRCLE = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 61)) for f in (np.cos, np.si
 _ELLIPSES = 12
 _FORMATS = (".png", ".svg", ".pdf")
 _BINS = 450  # across a time axis: about one per two pixels
+_LEAST = 0.2  # size of the map [m]: what turns on the spot is a dot, not a scribble of micrometres
+_LETTERS = 96  # that fit into one row of a legend
 
 
 def plot_trajectory(
@@ -134,16 +137,16 @@ def _align(reference: Trajectory | None, trajectory: Trajectory) -> tuple[Trajec
 
 
 def _extent(trajectory: Trajectory, reference: Trajectory | None) -> tuple[Floats, Floats]:
-    """Corners of what the map shows [m], with some room around, never smaller than a millimetre."""
+    """Corners of what the map shows [m], with some room around."""
     paths = [t.poses[:, :2] for t in (trajectory, reference) if t is not None and len(t)]
     points = np.concatenate([*paths, np.zeros((0 if paths else 1, 2))])
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
-    size = max(float((high - low).max()), 1e-2)
+    size = max(float((high - low).max()), _LEAST)
     ellipses = _ellipses(trajectory, _along(trajectory, _ELLIPSES))
     if ellipses.size:  # as much of the uncertainty as leaves the path readable
         low = np.clip(ellipses.min(axis=(0, 1)), low - 0.4 * size, low)
         high = np.clip(ellipses.max(axis=(0, 1)), high, high + 0.4 * size)
-    room = np.maximum(0.06 * size, 0.5 * (0.2 * size - (high - low)))
+    room = np.maximum(0.06 * size, 0.5 * (max(0.2 * size, _LEAST) - (high - low)))
     return low - room, high + room
 
 
@@ -346,11 +349,22 @@ def _headline(axis: Axes, title: str, facts: str) -> None:
 
 
 def _legend(axis: Axes) -> None:
-    """Rows of six above the axes, where they hide nothing."""
-    count = len(axis.get_legend_handles_labels()[1])
+    """Rows above the axes, where they hide nothing."""
+    names = axis.get_legend_handles_labels()[1]
     legend = axis.legend(
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=min(max(count, 1), 6), frameon=False,
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=_columns(names), frameon=False,
         markerscale=0.75, fontsize=9, borderaxespad=0.1, borderpad=0.2, handlelength=1.6, columnspacing=1.6,
     )  # fmt: skip
     for text in legend.get_texts():  # wheels are named by people; a dollar in a name is no formula
         text.set_parse_math(False)
+
+
+def _columns(names: Sequence[str]) -> int:
+    """Of a legend: up to six, as many as fit beside each other."""
+    for count in range(min(len(names), 6), 1, -1):
+        widest = [
+            max(map(len, column)) + 6 for column in np.array_split(np.array(names, dtype=object), count)
+        ]
+        if sum(widest) <= _LETTERS:
+            return count
+    return 1
