@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from trundle.adapters.decimal_text import decimal_rows
 from trundle.adapters.numeral import Real, Stamp
 from trundle.adapters.quaternion import quaternion_of_yaw, yaw_of_quaternion
 from trundle.adapters.table import Wanted, open_table
@@ -34,11 +35,10 @@ def write_euroc(trajectory: Trajectory, path: Path) -> None:
         pose = trajectory.poses[unknown[0]].tolist()
         raise InputError(f"pose {unknown[0]} is {pose}, must be finite in a .euroc file; .csv can hold it")
     z, w = quaternion_of_yaw(trajectory.poses[:, 2])
-    columns = (trajectory.time_ns, *trajectory.poses.T[:2], w, z)
-    rows = zip(*(column.tolist() for column in columns), strict=True)
+    rows = decimal_rows((trajectory.time_ns, *trajectory.poses.T[:2], w, z))
     with path.open("w", encoding="ascii", newline="\n") as file:
         file.write(_HEADER)
-        file.writelines(f"{t},{x!r},{y!r},0,{qw!r},0,0,{qz!r}\n" for t, x, y, qw, qz in rows)
+        file.writelines(f"{t},{x},{y},0,{qw},0,0,{qz}\n" for t, x, y, qw, qz in rows)
 
 
 def read_euroc(path: Path) -> Trajectory:

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trundle.adapters.arrow_column import arrow_column
+from trundle.adapters.decimal_text import decimal_rows
 from trundle.adapters.default_columns import default_time
 from trundle.adapters.numeral import Real, Stamp
 from trundle.adapters.table import Wanted, open_table
@@ -46,7 +47,7 @@ def csv_lines(trajectory: Trajectory, *, header: bool = True) -> Iterator[str]:
     columns = _columns(trajectory)
     if header:
         yield ",".join(columns) + "\n"
-    for row in zip(*(map(repr, column.tolist()) for column in columns.values()), strict=True):
+    for row in decimal_rows(list(columns.values())):
         yield ",".join(row) + "\n"
 
 
@@ -66,7 +67,7 @@ def write_trajectory_json(trajectory: Trajectory, path: Path) -> None:
             )
     keys = [json.dumps(name) for name in columns]
     with path.open("w", encoding="ascii", newline="\n") as file:
-        for row in zip(*(map(repr, column.tolist()) for column in columns.values()), strict=True):
+        for row in decimal_rows(list(columns.values())):
             members = (f"{key}: {value}" for key, value in zip(keys, row, strict=True))
             file.write(f"{{{', '.join(members)}}}\n")
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from trundle.adapters.decimal_text import decimal_rows
 from trundle.adapters.numeral import Real, Stamp
 from trundle.adapters.quaternion import quaternion_of_yaw, yaw_of_quaternion
 from trundle.adapters.table import Wanted, open_table
@@ -39,8 +40,8 @@ def tum_lines(trajectory: Trajectory) -> Iterator[str]:
         pose = trajectory.poses[unknown[0]].tolist()
         raise InputError(f"pose {unknown[0]} is {pose}, must be finite in a .tum file; .csv can hold it")
     z, w = quaternion_of_yaw(trajectory.poses[:, 2])
-    rows = zip(*(c.tolist() for c in (trajectory.time_ns, *trajectory.poses.T[:2], z, w)), strict=True)
-    return (f"{_seconds(t)} {x!r} {y!r} 0 0 0 {qz!r} {qw!r}\n" for t, x, y, qz, qw in rows)
+    rows = decimal_rows((trajectory.time_ns, *trajectory.poses.T[:2], z, w))
+    return (f"{_seconds(t)} {x} {y} 0 0 0 {qz} {qw}\n" for t, x, y, qz, qw in rows)
 
 
 def read_tum(path: Path) -> Trajectory:
@@ -58,7 +59,7 @@ def read_tum(path: Path) -> Trajectory:
     return Trajectory(time_ns=time_ns, poses=poses, rejected=rows.rejected)
 
 
-def _seconds(time_ns: int) -> str:
+def _seconds(time_ns: str) -> str:
     """Seconds with nine decimals, without a detour through floats."""
-    whole, fraction = divmod(abs(time_ns), 10**9)
-    return f"{'-' if time_ns < 0 else ''}{whole}.{fraction:09d}"
+    digits = time_ns.zfill(10 + time_ns.startswith("-"))
+    return f"{digits[:-9]}.{digits[-9:]}"

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from trundle.adapters.atomic import atomic_path
+from trundle.adapters.decimal_text import decimal_rows
 from trundle.adapters.default_columns import REFERENCE, TWIST
 from trundle.adapters.resampling import interpolated, turned
 from trundle.errors import InputError
@@ -42,7 +42,7 @@ def write_log(log: WheelLog, path: str | os.PathLike[str], *, force: bool = Fals
     """
     columns = _columns(log)
     text = [",".join(columns)]
-    text += [",".join(row) for row in zip(*map(_texts, columns.values()), strict=True)]
+    text += [",".join(row) for row in decimal_rows(list(columns.values()))]
     with atomic_path(path, force=force) as temporary:
         temporary.write_text("\n".join(text) + "\n", encoding="utf-8", newline="\n")
 
@@ -74,8 +74,3 @@ def _at_rows(reference: Trajectory, time_ns: npt.NDArray[np.int64]) -> list[npt.
         return [x, y, theta]
     placed = [interpolated(time_ns, own, x), interpolated(time_ns, own, y), turned(time_ns, own, theta)]
     return [np.where(known, values, np.nan) for values, known in placed]
-
-
-def _texts(column: npt.NDArray[Any]) -> Sequence[str]:
-    """Shortest decimals that read back the same."""
-    return [repr(value) for value in column.tolist()]
