@@ -723,6 +723,20 @@ def test_any_description_becomes_any_other(before, after):
     assert same(read(text), after)
 
 
+@pytest.mark.parametrize(
+    "written", ["123456789.123456789", "0.30000000000000004", "8.8e-253", "0.10", "1.50e3"]
+)
+def test_numbers_beside_a_change_stay_as_they_are_written(written):
+    """ruamel.yaml alone would write 123456789.123456791."""
+    old = "drive: {type: differential, track_width: 0.2, wheel_radius: 0.042}\n"
+    old += f"limits: {{max_jerk: {written}}}\n"
+    robot = read(old)
+    robot = robot.replace(limits=msgspec.structs.replace(robot.limits, max_acceleration=2.0))
+    text = robot_text(robot, old.encode())
+    assert f"max_jerk: {written}" in text
+    assert same(read(text), robot)
+
+
 @given(robots())
 def test_what_is_said_already_is_not_touched(robot):
     text = robot_text(robot)

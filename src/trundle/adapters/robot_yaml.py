@@ -96,6 +96,15 @@ def robot_text(
     raise ConfigError("", problem, source=source)
 
 
+_FLOAT = "tag:yaml.org,2002:float"
+
+
+class _AsWritten(str):
+    """A number in the words of whoever wrote it."""
+
+    __slots__ = ()
+
+
 Place = tuple[str | int, ...]
 Change = tuple[Place, Any]
 _GONE = object()  # what a change leaves where nothing shall stand
@@ -170,9 +179,17 @@ def _rebuilt(document: YamlDocument, changes: list[Change]) -> str:
 
 
 def _round_trip() -> Any:
+    """ruamel.yaml, which keeps comments; numbers stay as they are written, where it would round some."""
     from ruamel.yaml import YAML
+    from ruamel.yaml.constructor import RoundTripConstructor
+    from ruamel.yaml.representer import RoundTripRepresenter
 
-    yaml = YAML(typ="rt", pure=True)
+    yaml: Any = YAML(typ="rt", pure=True)
+    # Classes of our own, since theirs would keep what they are taught for everybody.
+    yaml.Constructor = type("Constructor", (RoundTripConstructor,), {})
+    yaml.Constructor.add_constructor(_FLOAT, lambda _, node: _AsWritten(node.value))
+    yaml.Representer = type("Representer", (RoundTripRepresenter,), {})
+    yaml.Representer.add_representer(_AsWritten, lambda self, text: self.represent_scalar(_FLOAT, text))
     yaml.preserve_quotes = True
     yaml.width = 110
     yaml.default_flow_style = None
