@@ -37,7 +37,7 @@ endif
 
 # What a user of the command line gets.
 .venv/demo: pyproject.toml requirements/dev.txt | .venv/bin/python
-	.venv/bin/python $(PIP_INSTALL) --constraint requirements/dev.txt --editable '.[plot,parquet]'
+	.venv/bin/python $(PIP_INSTALL) --constraint requirements/dev.txt --editable '.[plot,parquet,calibrate]'
 	@touch $@
 
 # The same, with the tests' own tools.

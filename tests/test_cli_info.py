@@ -103,6 +103,18 @@ TABLES = {
             },
         },
     ),
+    "gyro-of-a-student": (
+        ["timestamp_ms,gyroX_dps,gyroZ_dps,leftEnc,rightEnc",
+         *(f"{20 * k},0.1,{k % 9 * 10}.5,{7 * k},{9 * k}" for k in range(50))],
+        {
+            "time": {"column": "timestamp_ms", "unit": "ms"},
+            "wheels": {
+                "left": {"column": "leftEnc", "unit": "ticks", "kind": "position"},
+                "right": {"column": "rightEnc", "unit": "ticks", "kind": "position"},
+            },
+            "gyro": {"column": "gyroZ_dps", "unit": "deg/s"},
+        },
+    ),
     "several-readings": (
         ["stamp\tleftVelocity\trightVelocity\tleftTicks\trightTicks\tcmd_left",
          *(f"{1.7e18 + 1e7 * k:.0f}\t{k % 3}.5\t{k % 4}.5\t{5 * k}\t{6 * k}\t1" for k in range(50))],
@@ -118,6 +130,16 @@ TABLES = {
 }  # fmt: skip
 
 
+def test_a_section_that_does_not_fit_is_named_and_another_proposed(capsys, tmp_path):
+    log, robot = tmp_path / "run.csv", tmp_path / "robot.yaml"
+    log.write_text("\n".join(TABLES["named"][0]) + "\n")
+    robot.write_text(COUNTED + "log: {wheels: {left: {column: l}, right: {column: r}}}\n")
+    assert main(["info", str(log), "--robot", str(robot)]) == 0
+    said = capsys.readouterr()
+    assert "the robot's own log: section does not fit: " in said.err
+    assert parse_yaml(described(said.out).encode(), "").data == {"log": TABLES["named"][1]}
+
+
 @pytest.mark.parametrize("robot_known", [False, True])
 @pytest.mark.parametrize("name", TABLES)
 def test_proposals_for_tables(capsys, tmp_path, name, robot_known):
@@ -128,7 +150,7 @@ def test_proposals_for_tables(capsys, tmp_path, name, robot_known):
     if robot_known:
         assert main(["info", str(log), "--robot", str(robot)]) == 0
         said = capsys.readouterr()
-        assert "the robot's own log: section does not fit" in said.err
+        assert "does not fit" not in said.err  # it has no section
         section = described(said.out)
     else:
         section = proposed(capsys, log)

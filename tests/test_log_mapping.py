@@ -666,6 +666,7 @@ FAULTS = {
         ConfigError,
         "log.gyro.unit",
         "rad/s",
+        "a heading is not read, log the rate",
         gyro=ScalarMapping(column=1, unit=Unit.RAD),
     ),
     "C5-two-kinds": refused(

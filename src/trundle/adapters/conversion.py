@@ -134,7 +134,9 @@ def _radius(robot: Robot, name: str) -> float:
 
 def _encoder(robot: Robot, name: str) -> Encoder:
     if name not in robot.encoders:
-        raise ConfigError(f"encoders.{name}", "missing; the log gives this wheel in ticks")
+        raise ConfigError(
+            f"encoders.{name}", "missing; the log gives this wheel in ticks: say ticks_per_revolution"
+        )
     return robot.encoders[name]
 
 
@@ -156,7 +158,9 @@ def scalar_conversion(field: str, mapping: ScalarMapping, unit: Unit) -> Convers
         return Conversion(Real(), mapping.sign * mapping.gain)
     if given.dimension != unit.dimension:
         allowed = ", ".join(other.value for other in Unit if other.dimension == unit.dimension)
-        raise ConfigError(f"{field}.unit", f"{given.value!r}, must be one of {allowed}")
+        angle = given.dimension == "angle" and unit is Unit.RAD_S
+        hint = "; a heading is not read, log the rate at which it turns" if angle else ""
+        raise ConfigError(f"{field}.unit", f"{given.value!r}, must be one of {allowed}{hint}")
     return Conversion(Real(), mapping.sign * given.factor)
 
 

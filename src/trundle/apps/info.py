@@ -75,14 +75,16 @@ def _proposed(proposal: Proposal) -> list[str]:
 
 
 def _tried(log: Path, robot: Robot) -> list[str]:
-    """What the robot's own section makes of the log; nothing where it does not fit."""
+    """What the robot's own section makes of the log; nothing where it does not fit, or where there is none."""
     from trundle.adapters.log import read_log
     from trundle.errors import TrundleError
+    from trundle.robot import LogMapping
 
     try:
         wheels = read_log(log, robot, salvage=True, sort=True)
     except TrundleError as error:
-        print(f"trundle: warning: the robot's own log: section does not fit: {error}", file=sys.stderr)
+        if robot.log != LogMapping():
+            print(f"trundle: warning: the robot's own log: section does not fit: {error}", file=sys.stderr)
         return []
     read = "twists of the body"
     if wheels.wheels is not None:

@@ -31,6 +31,8 @@ Floats: TypeAlias = npt.NDArray[np.float64]
 _TIME = {"time", "t", "timestamp", "stamp", "sec", "secs", "seconds", "ms", "us", "ns"}
 _TRUTH = {"gt", "ref", "reference", "truth", "true", "mocap", "optitrack", "vicon"}
 _AXES = ({"x"}, {"y"}, {"theta", "th", "yaw", "heading", "psi"})
+_YAW = {"z", "yaw"}
+_DEGREES = {"dps", "deg", "degs", "degrees"}
 _NOT_MEASURED = {
     "cmd",
     "command",
@@ -157,11 +159,17 @@ def propose_for_table(
     _propose_wheels(proposal, [column for column in rest if column not in angles], wheels)
     rest = [column for column in rest if column.name not in proposal.roles]
     _propose_steering(proposal, angles or _unnamed_angles(proposal, rest), steered)
-    for column in rest:
-        if "gyro" in column.words or "yaw_rate" in str(column.name):
-            proposal.put(("gyro",), {"column": column.name, "unit": "rad/s"}, "gyro [rad/s]")
-            break
+    _propose_gyro(proposal, rest)
     return proposal
+
+
+def _propose_gyro(proposal: Proposal, columns: Sequence[Column]) -> None:
+    """The rate about the axis that points up, where there are several."""
+    rates = [column for column in columns if "gyro" in column.words or "yaw_rate" in str(column.name)]
+    if rates:
+        column = min(rates, key=lambda rate: not _YAW & set(rate.words))
+        unit = "deg/s" if _DEGREES & set(column.words) else "rad/s"
+        proposal.put(("gyro",), {"column": column.name, "unit": unit}, f"gyro [{unit}]")
 
 
 def _steers(name: str) -> bool:
