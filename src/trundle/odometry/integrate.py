@@ -20,7 +20,7 @@ from array_api_compat import numpy as standard  # the array API, on NumPy 1.26 t
 from trundle.errors import InputError, LogSchema, ShapeError, Unobservable, did_you_mean
 from trundle.geometry import Pose2D
 from trundle.odometry import compiled, path
-from trundle.odometry.covariance import ZERO, Six
+from trundle.odometry.covariance import ZERO, Six, outer, weighted_sum
 from trundle.odometry.encoder_counts import count_differences
 from trundle.odometry.error_model import ErrorModel
 from trundle.odometry.frozen_wheels import FROZEN_AFTER
@@ -364,10 +364,12 @@ class _Fold:
             twist = [part / seconds for part in raw]
         for k, column in enumerate(twist):
             self.twists[out, k] = column
-        upper, quantum, drifts = ZERO, ZERO, memory.drifts
+        upper, quantum, drifts, surprise = ZERO, ZERO, memory.drifts, ZERO
         if odometry.errors is not None:
             readings = (turned, middle, raw, seconds, turn)
-            upper, quantum, drifts = self._uncertainty(out, odometry.errors, memory, readings, step, pose)
+            upper, quantum, drifts, surprise = self._uncertainty(
+                out, odometry.errors, memory, readings, step, pose
+            )
         last = rows.stop - 1
         odometry.resume(
             count=len(seconds),
@@ -385,6 +387,7 @@ class _Fold:
                 earlier_yaw_rate=None if data.yaw_rate is None else float(data.yaw_rate[last - 1]),
                 quantum=quantum,
                 drifts=drifts,
+                surprise=surprise,
             ),
         )
         return len(seconds)
@@ -440,20 +443,44 @@ class _Fold:
         readings: Sequence[Any],
         step: Sequence[Floats],
         pose: Sequence[Floats],
-    ) -> tuple[Six, Six, Sequence[Drift]]:
+    ) -> tuple[Six, Six, Sequence[Drift], Six]:
         """Covariances of a block; returned is what the next step needs of them."""
         turned, middle, raw, seconds, turn = readings
         gains = errors.gains(middle, turn is not None, np)
         noise = errors.noise(gains, turned, raw, seconds, turn is not None, np)
+        noise, owed = self._surprises(noise, memory, raw, seconds)
         changes = errors.drift(gains, turned, raw, turn) if memory.drifts else ()
         found = path.covariances(
             standard, step, noise, pose, memory.upper, memory.pose, changes, memory.drifts
         )
         assert self.covariances is not None
-        for (i, j), column, tick in zip(_UPPER, found.upper, gains[2], strict=True):
-            self.covariances[out, i, j] = self.covariances[out, j, i] = column + tick
+        for (i, j), column, tick, glitch in zip(_UPPER, found.upper, gains[2], owed, strict=True):
+            self.covariances[out, i, j] = self.covariances[out, j, i] = column + (tick + glitch)
         drifts = [(float(x), float(y), float(t)) for x, y, t in found.drifts]
-        return _last(found.independent), _last(gains[2]), drifts
+        return _last(found.independent), _last(gains[2]), drifts, _last(owed)
+
+    def _surprises(
+        self, noise: Six, memory: Memory, step: Sequence[Floats], seconds: Floats
+    ) -> tuple[Six, Six]:
+        """The noise with what glitches add to it; and what the pose owes them, if there are any (S13)."""
+        surprise = self.odometry.surprise
+        assert surprise is not None
+        first = [part[0] for part in (*step, seconds)]
+        if memory.before is not None:
+            first = [*memory.before, memory.before_ns * 1e-9]
+        *before, earlier = (
+            np.concatenate([[one], part[:-1]]) for one, part in zip(first, (*step, seconds), strict=True)
+        )
+        off, strange = surprise.of(step, before, seconds, earlier)
+        if memory.surprise is ZERO and not strange.any():
+            return noise, ZERO
+        off = [part * strange for part in off]
+        if self.rows.reading in (Reading.INCREMENT, Reading.VELOCITY):
+            return weighted_sum((1.0, 1.0), (noise, outer(off))), ZERO
+        owed = surprise.on_pose(off, step)
+        turned: Any = owed[5]
+        doubt = turned + np.concatenate([[memory.surprise[5]], turned[:-1]])
+        return weighted_sum((1.0, 1.0), (noise, surprise.detour(doubt, step))), owed
 
     def trajectory(self, lost: Mapping[str, int]) -> Trajectory:
         """What came of the last run; `lost` are rows that never reached us."""
@@ -657,6 +684,8 @@ def _compiled(
 
 
 def _last(six: Six) -> Six:
+    if six is ZERO:
+        return ZERO
     xx, xy, yy, xt, yt, tt = (float(np.ravel(part)[-1]) for part in six)
     return (xx, xy, yy, xt, yt, tt)
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from trundle.robot import Robot
+from trundle.robot.observability import length_scale
 from trundle.robot.rows import Row, rolling
 from trundle.robot.wheel import Wheel, WheelKind
 
@@ -22,20 +23,24 @@ class Plausibility:
 
     Attributes:
         declared: Per measured wheel, its greatest speed by the declared limits [rad/s]; 0 without any.
-        body_speed: Greatest speed [m/s] and yaw rate [rad/s] of the body as declared, else 0.
+        body_speed: Greatest speed [m/s] and yaw rate [rad/s] of the body as declared, else 0; the yaw rate
+            else what its wheels make of that speed when it turns on the spot.
     """
 
     def __init__(self, robot: Robot) -> None:
         drive, limits = robot.measuring, robot.limits
         wheels = [drive.wheel(name) for name in drive.measured_names]
         speed = math.hypot(limits.max_speed or 0.0, limits.max_lateral_speed or 0.0)
-        self.body_speed = (speed, limits.max_yaw_rate or 0.0)
+        *_, lever = length_scale([(w.x, w.y) for w in drive.wheels if w.kind is not WheelKind.CASTER])
+        self.body_speed = (speed, limits.max_yaw_rate or speed / lever)
         self.declared = []
         for wheel in wheels:
             fastest = limits.max_wheel_speed if robot.localizer is None else None
             if fastest is None and limits.max_speed is not None:
                 lateral = limits.max_speed if limits.max_lateral_speed is None else limits.max_lateral_speed
-                fastest = _fastest(wheel, limits.max_speed, lateral, self.body_speed[1]) / wheel.radius
+                fastest = (
+                    _fastest(wheel, limits.max_speed, lateral, limits.max_yaw_rate or 0.0) / wheel.radius
+                )
             self.declared.append(fastest or 0.0)
         self._rates = [
             FACTOR * (fastest or ANY_ROBOT / wheel.radius)

@@ -35,6 +35,7 @@ from trundle.odometry.integrator import Integrator, mean_rate
 from trundle.odometry.plausibility import Plausibility
 from trundle.odometry.slip import slip_monitor
 from trundle.odometry.standstill import Standstill
+from trundle.odometry.surprise import Surprise
 from trundle.records import Reading
 from trundle.robot import Encoder, Kinematics, Robot, WheelCommand
 from trundle.robot.solver import Gains
@@ -52,7 +53,7 @@ PATIENCE = 3  # S12: this many implausible samples in a row are the new normal
 
 
 # Members of an Enum are looked up slowly in Python 3.11, and these are needed for every sample.
-POSITION, VELOCITY = Reading.POSITION, Reading.VELOCITY
+POSITION, VELOCITY, INCREMENT = Reading.POSITION, Reading.VELOCITY, Reading.INCREMENT
 
 
 class OdometryState(msgspec.Struct, frozen=True, gc=False):
@@ -103,6 +104,7 @@ class Memory(NamedTuple):
         earlier: Reading at its beginning; and the gyro's.
         quantum: What being anywhere within a tick makes uncertain.
         drifts: What errors of the description have done so far, seen from the odom frame.
+        surprise: What the last step may owe to a glitch that the counters will take back.
     """
 
     pose: tuple[float, ...]
@@ -114,6 +116,7 @@ class Memory(NamedTuple):
     earlier_yaw_rate: float | None = None
     quantum: Six = ZERO
     drifts: Sequence[Drift] = ()
+    surprise: Six = ZERO
 
 
 class WheelOdometry:
@@ -137,6 +140,7 @@ class WheelOdometry:
         standstill: Knows the gyro's bias; None without a gyro.
         slip: Watches whether the wheels contradict each other; None where they cannot.
         frozen: Watches for encoders that stand still.
+        surprise: Knows which steps no body makes so soon after the one before.
 
     Raises:
         ConfigError: If the integrator is unknown, or `max_gap` not above zero.
@@ -176,6 +180,7 @@ class WheelOdometry:
         "_strikes",
         "_stuck",
         "_surely",
+        "_surprise",
         "_suspects",
         "_theta",
         "_time_ns",
@@ -199,6 +204,7 @@ class WheelOdometry:
         "slip",
         "standstill",
         "state",
+        "surprise",
     )
 
     def __init__(
@@ -224,6 +230,7 @@ class WheelOdometry:
         angles, lengths = _tick_sizes(self.robot)
         self.slip = slip_monitor(self.drive, self.robot.noise, lengths) if covariance else None
         self.frozen = FrozenWheels(self.drive, self.robot.noise, lengths) if covariance else None
+        self.surprise = Surprise(self.robot, lengths) if covariance else None
         self.standstill = Standstill(angles, self.robot.noise.gyro) if self.drive.gyro else None
         self._stuck: tuple[int, ...] = ()
         self._suspects = False
@@ -252,7 +259,7 @@ class WheelOdometry:
         self._steering: Numbers = ()
         self._yaw_rate: float | None = None
         self._twist = Twist2D()
-        self._quantum = self._step_noise = ZERO
+        self._quantum = self._surprise = self._step_noise = ZERO
         self._step_seconds = math.inf
         self._more = self.errors is not None and (self.errors.drifts > 0 or self.errors.ticks)
         self._lost = False
@@ -307,6 +314,7 @@ class WheelOdometry:
         self._covariance = covariance
         self._drifts = [(0.0, 0.0, 0.0)] * self._drift_count
         self._before: Sequence[float] | None = None
+        self._surprise = ZERO
         self.state = OdometryState(self._time_ns, pose, self._twist, True, "reset", covariance)
 
     def update(  # noqa: C901 - the live path, as _step
@@ -398,6 +406,7 @@ class WheelOdometry:
             self._earlier_yaw_rate,
             self._quantum,
             self._drifts,
+            self._surprise,
         )
 
     def resume(
@@ -413,9 +422,9 @@ class WheelOdometry:
         """Go on after `count` samples that were accepted elsewhere, the last of them this one."""
         self._twist = Twist2D(*memory.twist)
         self.reset(Pose2D(*memory.pose), covariance=memory.upper)
-        self._drifts, self._quantum = list(memory.drifts), memory.quantum
+        self._drifts, self._quantum, self._surprise = list(memory.drifts), memory.quantum, memory.surprise
+        self._before, self._before_ns = memory.before, memory.before_ns
         if self._commutes:
-            self._before, self._before_ns = memory.before, memory.before_ns
             self._earlier, self._earlier_yaw_rate = memory.earlier, memory.earlier_yaw_rate
         self.accepted += count - 1
         self._accept(time_ns, reading, steering, yaw_rate, "")
@@ -486,14 +495,18 @@ class WheelOdometry:
                 return self._rebaseline(time_ns, reading, steering, yaw_rate, reason)
 
         measured: Sequence[float] = (dx, dy, dt)
-        if self._commutes:
-            if self._before is not None:
+        off = None
+        if self._before is not None:
+            if self.surprise is not None:
+                off, strange = self.surprise.of(measured, self._before, seconds, self._before_ns * 1e-9)
+                off = off if strange else None
+            if self._commutes:
                 ax, ay, at = self._before
                 h0 = self._before_ns
                 factor = elapsed * elapsed / (6.0 * h0 * (h0 + elapsed))  # integrator.commutator_factor
                 dx, dy = dx - factor * (at * dy - dt * ay), dy + factor * (at * dx - dt * ax)
-            self._before = measured
-            self._before_ns = elapsed
+        self._before = measured
+        self._before_ns = elapsed
         heading = self._toward + self._theta + self._lead * dt
         c, s = cos(heading), sin(heading)
         if self._chord and dt:
@@ -516,6 +529,8 @@ class WheelOdometry:
             if reason == "gap":
                 noise = _unknown_path(noise, dx, dy, self._unseen_turn(turned, dt, seconds))
             self._step_noise, self._step_seconds = noise, seconds
+            if off is not None or self._surprise is not ZERO:
+                noise = self._doubted(noise, off, measured)
             self._covariance = propagate(
                 self._covariance, (dx, dy, dt), noise, chord=self._chord, lead=self._lead
             )
@@ -536,6 +551,17 @@ class WheelOdometry:
             measured, seconds = self._displacement(reading, steering, self._rate(yaw_rate, turn)), 1.0
         self._twist = Twist2D(measured[0] / seconds, measured[1] / seconds, measured[2] / seconds)
         return self._accept(time_ns, reading, steering, yaw_rate, reason)
+
+    def _doubted(self, noise: Six, off: Sequence[float] | None, step: Sequence[float]) -> Six:
+        """Noise of a step of which so much came as a surprise (S13). What counts anew never takes it back."""
+        assert self.surprise is not None
+        before, self._surprise = self._surprise, ZERO
+        if off is not None:
+            self._step_noise = weighted_sum((1.0, 1.0), (noise, outer(off)))
+            if self._kind in (INCREMENT, VELOCITY):
+                return self._step_noise
+            self._surprise = self.surprise.on_pose(off, step)
+        return weighted_sum((1.0, 1.0), (noise, self.surprise.detour(before[5] + self._surprise[5], step)))
 
     def _without_bias(self, turn: float | None, turned: Numbers, seconds: float) -> float | None:
         """What the gyro says about a step [rad]; nothing while the robot stands still."""
@@ -653,8 +679,8 @@ class WheelOdometry:
     def _reported(self) -> Six:
         """All that is uncertain about the pose: what was accumulated, ticks, and the description."""
         six = self._covariance
-        if self._quantum[5]:
-            six = weighted_sum((1.0, 1.0), (six, self._quantum))
+        if self._quantum[5] or self._surprise is not ZERO:
+            six = weighted_sum((1.0, 1.0, 1.0), (six, self._quantum, self._surprise))
         if self._drifts:
             x, y = self._far_x + self._x, self._far_y + self._y
             heading = self._toward + self._theta
@@ -696,7 +722,7 @@ class WheelOdometry:
         pose = Pose2D(
             self._far_x + self._x, self._far_y + self._y, tau * self._turns + (self._toward + self._theta)
         )
-        upper = self._reported() if self._more else self._covariance
+        upper = self._reported() if self._more or self._surprise is not ZERO else self._covariance
         self.state = state = OdometryState(time_ns, pose, self._twist, True, reason, upper)
         return state
 
@@ -742,8 +768,11 @@ class WheelOdometry:
             # Half a tick at the start is a heading that stays wrong.
             self._quantum = self.errors.gains(steering, self._has_gyro)[2]
             self._covariance = weighted_sum((1.0, 1.0), (self._covariance, self._quantum))
+        if self._surprise is not ZERO:  # counters that begin anew do not take it back
+            self._grow(self._surprise)
         self._twist = Twist2D()
-        self._step_noise, self._step_seconds = ZERO, math.inf
+        self._surprise = self._step_noise = ZERO
+        self._step_seconds = math.inf
         self._break_off()
         self._lost = False
         self._strikes = 0
