@@ -75,7 +75,7 @@ def _proposed(proposal: Proposal) -> list[str]:
 
 
 def _tried(log: Path, robot: Robot) -> list[str]:
-    """What the robot's own section makes of the log; nothing where it does not fit, or where there is none."""
+    """What the robot's own section, if it has one, makes of the log; nothing where it does not fit."""
     from trundle.adapters.log import read_log
     from trundle.errors import TrundleError
     from trundle.robot import LogMapping
