@@ -153,6 +153,29 @@ def test_a_wheel_that_is_only_a_mesh_needs_its_radius(read):
     assert read(text, wheel_radius=0.05).drive.parameters["wheel_radius"] == 0.05
 
 
+def test_what_has_limits_steers_though_a_stand_in_is_commanded(read):
+    """The habit of ros2_control's own car: it commands virtual joints in the middle, which turn no body."""
+    stand_ins = link("virtual_rear") + link("virtual_front")
+    stand_ins += joint("virtual_rear_joint", "base_link", "virtual_rear")
+    stand_ins += joint(
+        "virtual_front_joint", "base_link", "virtual_front", "revolute", "0.3 0 0", axis="0 0 1"
+    )
+    control = "".join(
+        f'<joint name="virtual_{end}_joint"><command_interface name="{what}"/></joint>'
+        for end, what in (("front", "position"), ("rear", "velocity"))
+    )
+    text = robot(
+        *(wheel(f"rear_{k}", 0, y) for k, y in enumerate((0.1, -0.1))),
+        *(steered(f"front_{k}", 0.3, y) for k, y in enumerate((0.1, -0.1))),
+        stand_ins,
+        f'<ros2_control name="car" type="system">{control}</ros2_control>',
+    )
+    found = read(text)
+    assert found.drive.type_name == "ackermann"
+    assert [one.name for one in found.log.steering.values()] == ["front_0_steer", "front_1_steer"]
+    assert {one.name for one in found.log.wheels.values()} == {"rear_0", "rear_1", "front_0", "front_1"}
+
+
 def test_casters_say_nothing(read):
     base = (wheel("l", 0, 0.2), wheel("r", 0, -0.2))
     named = steered("front_caster", 0.3, 0.0, limits=None)

@@ -100,7 +100,8 @@ def urdf_wheels(path: str | Path, *, base: str = "base_link") -> tuple[str, list
     """The model's name and its wheels; casters are left out.
 
     A caster's swivel is told from steering by its name ("caster"), or by what the model says about control:
-    where it has `ros2_control` or `transmission` elements, an upright joint without a command is a swivel.
+    where it has `ros2_control` or `transmission` elements, an upright joint without limits and without a
+    command is a swivel. Joints that turn no body at all stand for wheels that are there already.
 
     Args:
         path: A URDF or xacro file.
@@ -114,7 +115,9 @@ def urdf_wheels(path: str | Path, *, base: str = "base_link") -> tuple[str, list
     try:
         tree = _Tree(root)
         tree.look_from(base)
-        return root.attributes.get("name") or "robot", list(_wheels(tree, _commanded(root)))
+        found = dict(_wheels(tree, _commanded(root)))
+        bodily = [wheel for wheel, has_body in found.items() if has_body]
+        return root.attributes.get("name") or "robot", bodily or list(found)
     except ConfigError as error:
         raise error.inside("", source=str(path)) from None
 
@@ -309,6 +312,9 @@ def _wrong(joint: _Joint, problem: str) -> ConfigError:
 # ------------------------------------------------------------------------------------ its wheels
 
 
+_SHAPES = ("collision", "visual")
+
+
 def _commanded(root: Element) -> set[str]:
     """The joints that the model says are commanded; empty where it says nothing about that."""
     return {
@@ -320,18 +326,25 @@ def _commanded(root: Element) -> set[str]:
     }
 
 
-def _wheels(tree: _Tree, commanded: set[str]) -> Iterator[UrdfWheel]:
+def _wheels(tree: _Tree, commanded: set[str]) -> Iterator[tuple[UrdfWheel, bool]]:
+    """Wheels, and whether anything of them can be seen or touched."""
     for joint in tree.above.values():
         above = list(tree.joints_above(joint))
         if not _rolls(tree, joint) or any(_rolls(tree, one) for one in above):
             continue  # rollers of a mecanum wheel turn below a joint that rolls itself
         upright = next((one for one in above if _is_upright(tree, one)), None)
-        swivels = upright is not None and bool(commanded) and upright.name not in commanded
-        if swivels or any(
+        if _swivels(upright, commanded) or any(
             "caster" in name.lower() for one in (joint, *above) for name in (one.name, one.child)
         ):
             continue
-        yield _wheel(tree, joint, upright)
+        parts = [tree.links[link] for link in tree.turned_links(joint)]
+        yield _wheel(tree, joint, upright), any(part.first(of) for part in parts for of in _SHAPES)
+
+
+def _swivels(upright: _Joint | None, commanded: set[str]) -> bool:
+    if upright is None or upright.limits is not None or not commanded:
+        return False
+    return upright.name not in commanded
 
 
 def _rolls(tree: _Tree, joint: _Joint) -> bool:
@@ -369,7 +382,7 @@ def _wheel(tree: _Tree, joint: _Joint, upright: _Joint | None) -> UrdfWheel:
 
 def _radius(tree: _Tree, joint: _Joint) -> float | None:
     """The greatest radius of what turns about the axis: first of what collides, else of what is seen."""
-    for shape in ("collision", "visual"):
+    for shape in _SHAPES:
         radii = [
             radius
             for link in tree.turned_links(joint)
