@@ -112,3 +112,51 @@ def test_outputs_that_cannot_be_are_refused_first(
     assert main(["convert", str(trajectory), str(trajectory.parent / name)]) == code
     assert words in capsys.readouterr().err
     assert trajectory.read_bytes() == before
+
+
+CONTROLLERS = """\
+diffbot:
+  ros__parameters:
+    left_wheel_names: [wheel_left_joint]
+    right_wheel_names: [wheel_right_joint]
+    wheel_separation: 0.287
+    wheel_radius: 0.033
+controller_manager:
+  ros__parameters:
+    diffbot: {type: diff_drive_controller/DiffDriveController}
+"""
+MODEL = """\
+<robot name="diffbot"><link name="base_link"/>
+<link name="l"><collision><geometry><cylinder radius="0.033" length="0.02"/></geometry></collision></link>
+<link name="r"><collision><geometry><cylinder radius="0.033" length="0.02"/></geometry></collision></link>
+<joint name="wheel_left_joint" type="continuous"><parent link="base_link"/><child link="l"/>
+<origin xyz="0 0.1435 0" rpy="-1.5707963 0 0"/><axis xyz="0 0 1"/></joint>
+<joint name="wheel_right_joint" type="continuous"><parent link="base_link"/><child link="r"/>
+<origin xyz="0 -0.1435 0" rpy="-1.5707963 0 0"/><axis xyz="0 0 1"/></joint></robot>
+"""
+MYCONFIG = "HAVE_ODOM = HAVE_ODOM_2 = True\nAXLE_LENGTH = 0.287\nWHEEL_RADIUS = 0.033\nENCODER_PPR = 20\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [("controllers.yaml", CONTROLLERS), ("bot.urdf", MODEL), ("myconfig.py", MYCONFIG)]
+)
+def test_a_robot_that_is_described_elsewhere_becomes_robot_yaml(tmp_path: Path, capsys, name, text) -> None:
+    source, out = tmp_path / name, tmp_path / "robot.yaml"
+    source.write_text(text)
+    assert main(["convert", str(source), str(out)]) == 0
+    drive = tr.load_robot(out).drive
+    assert isinstance(drive, tr.Differential)
+    assert drive.inverse(tr.Twist2D(0.3, 0.0, 0.0)).speeds == pytest.approx((0.3 / 0.033,) * 2)
+    assert "robot.yaml" in capsys.readouterr().out
+    assert main(["convert", str(source), str(out)]) == 2
+    assert "--force replaces it" in capsys.readouterr().err
+
+
+def test_what_describes_no_robot_is_refused(tmp_path: Path, capsys) -> None:
+    out = tmp_path / "robot.yaml"
+    for name in ("run.csv", "robot.urdf", "other.yaml"):
+        source = tmp_path / name
+        source.write_text("time,x,y\n0,0,0\n")
+        assert main(["convert", str(source), str(out)]) == 2
+        assert name in capsys.readouterr().err
+        assert not out.exists()

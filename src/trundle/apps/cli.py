@@ -31,7 +31,7 @@ _VERBS = {
     "plan": ("trundle.apps.plan:plan", "How well drives would calibrate a robot, before they are driven."),
     "compare": ("trundle.apps.compare:compare", "How far a trajectory is from a reference."),
     "info": ("trundle.apps.info:info", "What is in a log, and a log: section for it to start from."),
-    "convert": ("trundle.apps.convert:convert", "The same trajectory, or log, in another format."),
+    "convert": ("trundle.apps.convert:convert", "The same trajectory, log or robot in another format."),
     "ros2": ("trundle.apps.ros2.launch:ros2", "A robot, real or simulated, live on ROS 2."),
     "doctor": ("trundle.apps.doctor:doctor", "What is swapped, reversed, frozen or in the wrong unit."),
     "lint": ("trundle.apps.lint:lint", "What is likely to be wrong in a ROS 2 controller's parameters."),

@@ -1,4 +1,4 @@
-"""`trundle convert`: the same trajectory, or the same log, in another format."""
+"""`trundle convert`: the same trajectory, log or robot in another format."""
 
 from __future__ import annotations
 
@@ -21,10 +21,17 @@ if TYPE_CHECKING:
 
 __all__ = ["convert"]
 
+_MODELS = "parameters of a ros2_controllers controller (.yaml), .urdf, .xacro, a donkeycar's myconfig.py"
+_DESCRIPTIONS = (".yaml", ".yml")
+
 
 def convert(
-    source: Annotated[Path, Parameter(help=f"A trajectory, told by its suffix; or a log: {KINDS_OF_LOG}.")],
-    output: Annotated[Path, Parameter(help=f"Its suffix says the format: {holdings()}; .csv for a log.")],
+    source: Annotated[
+        Path, Parameter(help=f"A trajectory, told by its suffix; a log: {KINDS_OF_LOG}; a robot: {_MODELS}.")
+    ],
+    output: Annotated[
+        Path, Parameter(help=f"Its suffix says the format: {holdings()}; .csv for a log; .yaml for a robot.")
+    ],
     /,
     *,
     robot: Path | None = None,
@@ -33,10 +40,10 @@ def convert(
     sort: Annotated[bool, Parameter(negative="")] = False,
     force: Annotated[bool, Parameter(negative="")] = False,
 ) -> ExitCode:
-    """Write a trajectory in another format; or, with --robot, a wheel log as Trundle's own CSV.
+    """Write a trajectory in another format, a wheel log (--robot) as our own CSV, a robot as robot.yaml.
 
     Args:
-        source: A trajectory, told by its suffix; or a log of any format.
+        source: A trajectory, told by its suffix; a log of any format; or what describes a robot elsewhere.
         output: Its suffix says the format.
         robot: The description of the robot whose log it is; its log: section says what is in it.
         body: Of a take of OptiTrack's Motive with several rigid bodies, the one that is meant.
@@ -54,7 +61,10 @@ def convert(
         return _convert_log(source, described, output, salvage=salvage, sort=sort, force=force)
     if salvage or sort:
         option = "--salvage" if salvage else "--sort"
-        raise InputError(f"{option}: is of wheel logs, which need --robot; a trajectory is read whole")
+        raise InputError(f"{option}: is of wheel logs, which need --robot; all else is read whole")
+    if output.suffix.lower() in _DESCRIPTIONS:
+        check_output(output, suffixes=_DESCRIPTIONS, inputs=[source], force=force)
+        return _convert_robot(source, output)
     check_output(output, suffixes=TRAJECTORY_SUFFIXES, inputs=[source], force=force)
     trajectory = _trajectory_of(source, body)
     write_trajectory(trajectory, output, force=force)
@@ -82,6 +92,33 @@ def _trajectory_of(source: Path, body: str | None) -> Trajectory:
     except LogSchema as error:
         way = "a wheel log is converted with --robot robot.yaml, and trundle track makes its trajectory"
         raise LogSchema(error.source, error.reason, f"{error.problem}; {way}") from error
+
+
+def _convert_robot(source: Path, output: Path) -> ExitCode:
+    from trundle.adapters.robot_yaml import save_robot
+
+    robot = _robot_of(source)
+    save_robot(robot, output)
+    print(
+        *labelled([("robot", robot.name), ("drive", repr(robot.drive)), ("description", str(output))]),
+        sep="\n",
+    )
+    return ExitCode.FINE
+
+
+def _robot_of(source: Path) -> Robot:
+    from trundle.adapters.myconfig import robot_from_myconfig
+    from trundle.adapters.ros2_controllers import robot_from_controllers
+    from trundle.adapters.urdf import robot_from_urdf
+
+    suffix = source.suffix.lower()
+    if suffix in (".urdf", ".xacro"):
+        return robot_from_urdf(source)
+    if suffix == ".py":
+        return robot_from_myconfig(source)
+    if suffix in _DESCRIPTIONS:
+        return robot_from_controllers(source)
+    raise InputError(f"{source}: a robot is described by {_MODELS}")
 
 
 def _convert_log(
