@@ -257,6 +257,14 @@ def without(text, *names):
 BROKEN = {
     "missing": (without(DIFF, "wheel_radius"), r"base.ros__parameters.wheel_radius: missing"),
     "zero": (DIFF.replace("0.05", "0.0"), r"wheel_radius: 0, must be > 0 \(line 12\)"),
+    "millimetres": (
+        DIFF.replace("0.05", "50.0"),
+        r"wheel_radius: 50 m is implausible .*metres here \(line 12",
+    ),
+    "milliseconds": (
+        DIFF + "    cmd_vel_timeout: 500.0\n",
+        r"cmd_vel_timeout: 500 s is implausible .*: it is in s here",
+    ),
     "text": (DIFF.replace("0.05", "'0.05'"), r"wheel_radius: '0.05' is text, must be a number"),
     "nan": (DIFF.replace("0.05", ".nan"), r"wheel_radius: nan, must be finite"),
     "bool": (DIFF + "    position_feedback: yes\n", r"position_feedback: 'yes', must be true or false"),

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from msgspec.structs import replace
 
 from trundle.adapters.description_file import read_description
-from trundle.adapters.quantity import read_number
+from trundle.adapters.quantity import DURATION, LENGTH, RADIUS, read_number
 from trundle.adapters.ros2_parameters import FAMILIES, Controller, find_controllers
 from trundle.adapters.typed_section import read_list, shown
 from trundle.adapters.yaml_document import YamlDocument, parse_yaml
@@ -174,11 +174,16 @@ class _Given:
         return read_number(self.controller.place(name), value)
 
     def positive(self, name: str, *others: str) -> float:
-        """A number above zero, under its name or under one of its old names."""
+        """A multiplier or a plausible length above zero, under its name or under one of its old names."""
         used = next((one for one in (name, *others) if one in self and self.number(one) != 0.0), name)
         value = self.number(used)
         if not value > 0.0:
             raise self.wrong(used, f"{value:g}, must be > 0")
+        wheel = used.endswith(("wheel_radius", "wheels_radius"))
+        quantity = RADIUS if wheel else LENGTH
+        if not used.endswith("_multiplier") and not quantity.holds(value):
+            limits = f"{quantity.least:g} to {quantity.most:g} m"
+            raise self.wrong(used, f"{value:g} m is implausible ({limits}): lengths are metres here")
         return value
 
     def text(self, name: str) -> str:
@@ -412,7 +417,11 @@ def _read_timeout(given: _Given) -> float | str | None:
         raise given.wrong(family.timeout, f"{value:g}, must be >= 0")
     if value == 0.0:
         return "never" if family.package == "diff_drive_controller" else None
-    return value * family.timeout_unit
+    if not DURATION.holds(seconds := value * family.timeout_unit):
+        unit = "s" if family.timeout_unit == 1.0 else "ms"
+        limits = f"{DURATION.least:g} to {DURATION.most:g} s"
+        raise given.wrong(family.timeout, f"{value:g} {unit} is implausible ({limits}): it is in {unit} here")
+    return seconds
 
 
 # ------------------------------------------------------------------------------------- writing
