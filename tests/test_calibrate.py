@@ -462,7 +462,7 @@ def fault_b7():
     far = tr.Robot(drive=tr.Differential(track_width=0.27, wheel_radius=0.042), noise=NOISE)
     found = calibrate(far, driven("differential", CAR))
     doubts = {one.name: one.doubt for one in found.estimates}
-    assert "-24 % from its description" in doubts["track_width"]
+    assert "-23 % from its description" in doubts["track_width"]
     assert doubts["wheel_radius.left"] == ""
     backwards = [
         Run(dataclasses.replace(run.log, wheels=-run.log.wheels), run.reference, run.name)

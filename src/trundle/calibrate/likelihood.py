@@ -13,7 +13,7 @@ from trundle.calibrate.fixes import Fixes
 from trundle.calibrate.frames import first_frame, residuals
 from trundle.calibrate.jumps import joined
 from trundle.calibrate.parameter import Parameter
-from trundle.calibrate.predicted_path import PredictedPath, Readings, adjoint, predict, smoothed
+from trundle.calibrate.predicted_path import PredictedPath, Readings, adjoint, predict
 from trundle.calibrate.smoother import REFUSED, Levels, Linear, Reduced, eliminate, frame_covariances
 from trundle.calibrate.vouching import vouched
 from trundle.errors import MissingExtra, NotConverged
@@ -120,8 +120,7 @@ def fit(
     for iteration in range(_MOST):
         progress(f"iteration {iteration + 1}")
         loose = _LOOSE[iteration] if iteration < len(_LOOSE) else 1.0
-        smooth = iteration > _ROBUST
-        linear = [_linear(robot, run, parameters, state, k, smooth=smooth) for k, run in enumerate(runs)]
+        linear = [_linear(robot, run, parameters, state, k) for k, run in enumerate(runs)]
         if iteration in (3, 7, _ROBUST, _ROBUST + 3):
             state.levels = _levels(linear, state, belief)
         levels = replace(state.levels, wheels=loose * state.levels.wheels)
@@ -182,26 +181,12 @@ def _begin(robot: Robot, runs: Sequence[Observed], parameters: Sequence[Paramete
     return state
 
 
-def _linear(
-    robot: Robot,
-    run: Observed,
-    parameters: Sequence[Parameter],
-    state: Fit,
-    number: int,
-    *,
-    smooth: bool = False,
-) -> Linear:
-    """A run about the present numbers; smooth: and about what its wheels rather turned."""
+def _linear(robot: Robot, run: Observed, parameters: Sequence[Parameter], state: Fit, number: int) -> Linear:
+    """A run about the present numbers."""
     values, fixes, frames = state.values, run.fixes, state.frames[number]
     names = [one.name for one in parameters]
     delay = values[names.index("clock")] if "clock" in names and fixes.mounted else 0.0
-    moments = fixes.moments - delay
-    drift = se2.log(se2.compose(se2.inverse(frames[:-1]), frames[1:]))
-    truer = None
-    if smooth:
-        known = np.where(state.joined[number][:, np.newaxis], drift, 0.0)
-        truer = smoothed(robot, run.readings, parameters, values, moments, known)
-    path = predict(robot, run.readings, parameters, values, moments, truer=truer)
+    path = predict(robot, run.readings, parameters, values, fixes.moments - delay)
     mounting = _mounting(fixes, parameters, values)
     tracked = tracked_points(path, fixes, parameters, values)
     by_frame = _turned_into(frames[:, 2]) @ _lever(tracked)
@@ -224,7 +209,7 @@ def _linear(
         measured=measured,
         by_frame=by_frame,
         by_parameter=by_parameter,
-        drift=drift,
+        drift=se2.log(se2.compose(se2.inverse(frames[:-1]), frames[1:])),
         spread=np.diff(path.spread, axis=0),
         joined=state.joined[number],
         given=fixes.sigma,

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +19,7 @@ from trundle.odometry.error_model import ErrorModel
 from trundle.records import WheelLog
 from trundle.robot import Robot
 
-__all__ = ["PredictedPath", "Readings", "adjoint", "predict", "readings_of", "smoothed"]
+__all__ = ["PredictedPath", "Readings", "adjoint", "predict", "readings_of"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -90,13 +89,7 @@ class PredictedPath:
 
 
 def predict(
-    robot: Robot,
-    readings: Readings,
-    parameters: Sequence[Parameter],
-    values: Floats,
-    moments: Floats,
-    *,
-    truer: Readings | None = None,
+    robot: Robot, readings: Readings, parameters: Sequence[Parameter], values: Floats, moments: Floats
 ) -> PredictedPath:
     """The path at some moments, by other numbers.
 
@@ -109,12 +102,9 @@ def predict(
         parameters: Which numbers are others.
         values: The numbers.
         moments: When, from the log's first row [s], shape (N,); outside the log its ends count.
-        truer: What the wheels rather turned, for the derivatives; None: as the sensors said.
     """
     numbers = seeds(values)
     step, slopes = _displacements(robot, readings, parameters, numbers)
-    if truer is not None:
-        _, slopes = _displacements(robot, truer, parameters, numbers)
     poses = _walk(step)
     changes = _sums(_moved(poses[:, 1:], step, slopes))
     spread = _sums(_spatial_noise(robot, readings, parameters, values, step, poses))
@@ -136,54 +126,6 @@ def predict(
         distance=distance[k] + share * way[k],
         turned=turned[k] + share * turn[k],
     )
-
-
-def smoothed(
-    robot: Robot,
-    readings: Readings,
-    parameters: Sequence[Parameter],
-    values: Floats,
-    moments: Floats,
-    drift: Floats,
-) -> Readings:
-    """What the wheels rather turned: their readings, with what the fixes say of their noise taken out.
-
-    Derivatives at noisy readings make numbers too small or too large by a bias that no number of runs
-    averages out (errors in variables).
-
-    Args:
-        robot: As described.
-        readings: What its sensors said.
-        parameters: Which numbers are others.
-        values: The numbers.
-        moments: When the path was corrected [s], shape (N,).
-        drift: By how much between each two of them, as a displacement of the whole frame, shape (N - 1, 3).
-    """
-    step, _ = _displacements(robot, readings, parameters, seeds(values))
-    drive = drive_with(robot.measuring, parameters, [float(value) for value in values])
-    angles: list[Any] = list(readings.steering)
-    if len(angles) < len(drive.steered_names):
-        angles = list(drive.expand_steering(angles, standard))
-    gyro = readings.turn is not None
-    columns = drive.gains(angles, standard, gyro=gyro).rolling
-    radii = [drive.wheel(name).radius for name in drive.measured_names]
-    count = step.shape[1]
-    forward = np.empty((count, 3, len(radii)))
-    for k, (column, radius) in enumerate(zip(columns, radii, strict=True)):
-        for axis, gain in enumerate(column):
-            forward[:, axis, k] = gain * radius
-    rolled = np.abs(readings.turned).sum(axis=0)
-    middle = 0.5 * (readings.moments[1:] + readings.moments[:-1])
-    interval = np.searchsorted(moments, middle) - 1
-    inside = (interval >= 0) & (interval < len(drift))
-    interval = np.where(inside, interval, 0)
-    whole = np.bincount(interval[inside], weights=rolled[inside], minlength=len(drift))[interval]
-    share = np.where(inside & (whole > 0.0), rolled / np.where(whole > 0.0, whole, 1.0), 0.0)
-    poses = _walk(step)
-    back = np.linalg.inv(adjoint(0.5 * (poses[:, 1:] + poses[:, :-1]).T))
-    missed = share[:, np.newaxis] * np.einsum("kij,kj->ki", back, drift[interval])
-    inverse = np.linalg.pinv(forward if drive.steered_names else forward[:1])
-    return replace(readings, turned=readings.turned + (inverse @ missed[:, :, np.newaxis])[:, :, 0].T)
 
 
 def adjoint(poses: Floats) -> Floats:
