@@ -18,6 +18,18 @@ ENCAPSULATION = 4  # bytes before a CDR message: representation identifier and o
 TRAILING = 15  # bytes that may stand behind a CDR message: rmw_serialize leaves 4 per empty array of doubles
 PADDING = 3  # bytes of padding between lengths and texts, which may hold anything
 
+# What other first two bytes of a message mean (DDS-XTypes 1.3, RTPS encapsulation identifiers).
+_OTHERS = {
+    0x0002: "PL_CDR_BE (parameter lists)",
+    0x0003: "PL_CDR_LE (parameter lists)",
+    0x0006: "CDR2_BE (XCDR2)",
+    0x0007: "CDR2_LE (XCDR2)",
+    0x0008: "D_CDR2_BE (XCDR2)",
+    0x0009: "D_CDR2_LE (XCDR2)",
+    0x000A: "PL_CDR2_BE (XCDR2)",
+    0x000B: "PL_CDR2_LE (XCDR2)",
+}
+
 
 class Serialization(enum.Enum):
     """How values become bytes."""
@@ -222,7 +234,8 @@ class _CdrWalk(_Walk):
     def _open(self) -> None:
         identifier = self.message[:2]
         if len(self.message) < ENCAPSULATION or identifier not in (b"\0\0", b"\0\1"):
-            raise Damage(f"begins with {identifier.hex(' ') or 'nothing'}, not as plain CDR (00 00 or 00 01)")
+            what = _OTHERS.get(int.from_bytes(identifier), identifier.hex(" ") or "nothing")
+            raise Damage(f"begins as {what} does, not as plain CDR (00 00 or 00 01), which Trundle reads")
         self.layout.byte_order = "<" if identifier[1] else ">"
         self.layout.guards.append((0, 2))
 

@@ -33,6 +33,13 @@ BYTES_AT_ONCE = 4 << 20
 MOST_METADATA = 16 << 20  # bytes of a metadata.yaml
 MOST_UNPACKED = 64 << 20  # bytes of one batch of messages that were compressed one by one
 
+# Types of the field that no ROS brings by itself, as ackermann_msgs 2.0 defines them.
+_DRIVES = {
+    "ackermann_msgs/msg/AckermannDrive": "float32 steering_angle\nfloat32 steering_angle_velocity\n"
+    "float32 speed\nfloat32 acceleration\nfloat32 jerk\n",
+    "ackermann_msgs/msg/AckermannDriveStamped": "std_msgs/Header header\nAckermannDrive drive\n",
+}
+
 _PROBLEMS = (sqlite3.Error, UnicodeDecodeError)  # what sqlite3 raises, the second over its own error texts
 
 
@@ -333,11 +340,14 @@ def _recordings(folder: Path) -> list[Path]:
 
 
 def _known_definition(source: Path, name: str) -> tuple[str, str]:
-    """Definition of a type that every ROS 2 brings, for recordings older than Iron, which carry none."""
-    from rosbags.typesys import Stores, TypesysError, get_typestore
+    """Definition of a type that wheels need, for recordings older than Iron, which carry none."""
+    from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
+    store = get_typestore(Stores.LATEST)
+    for drive, text in _DRIVES.items():
+        store.register(get_types_from_msg(text, drive))
     try:
-        text, _ = get_typestore(Stores.LATEST).generate_msgdef(name, ros_version=2)
+        text, _ = store.generate_msgdef(name, ros_version=2)
     except (TypesysError, KeyError):
         problem = f"carries no definition of {name}, and it is none that every ROS brings"
         raise LogSchema(source, "schema", problem) from None

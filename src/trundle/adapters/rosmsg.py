@@ -96,6 +96,7 @@ _WORDS = (
 )
 
 _SEPARATOR = re.compile(r"^={80}[ \t]*\r?\n(?:MSG|IDL): *(\S+)[ \t]*\r?\n", re.MULTILINE)
+_INCLUDE = re.compile(r"^[ \t]*#.*$", re.MULTILINE)
 _LINE = re.compile(
     r"\s*(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?P<array>\[(?:<=)?\d*\])?\s+(?P<name>[A-Za-z]\w*)\s*(?P<constant>=)?"
 )
@@ -237,15 +238,14 @@ def _fields_of_msg(text: str) -> Iterator[tuple[str, str, bool, int | None]]:
 
 
 def _definitions_of_idl(text: str) -> dict[str, _Fields]:
-    """IDL is a language of its own; rosbags reads it."""
+    """IDL is a language of its own; rosbags reads it, all but `#include`, which names what comes along."""
     from rosbags.interfaces import Nodetype
     from rosbags.typesys import TypesysError, get_types_from_idl
 
     definitions: dict[str, _Fields] = {}
+    bodies = _SEPARATOR.split(_INCLUDE.sub("", text))[::2]
     try:
-        for body in (
-            _SEPARATOR.split(text)[::2] if not _SEPARATOR.match(text) else _SEPARATOR.split(text)[2::2]
-        ):
+        for body in bodies if bodies[0].strip() else bodies[1:]:
             for name, (_, fields) in get_types_from_idl(body).items():
                 definitions[name] = [(field, *_idl_type(kind, Nodetype)) for field, kind in fields]
     except (TypesysError, AssertionError, RecursionError) as error:
