@@ -5,6 +5,7 @@ One motion, written the plain way and in the way of each habit.
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -403,6 +404,42 @@ def test_info_recognises_columns(folder, capsys):
     log = table(folder, **SECONDS, **lists(rear_rad=ANGLES[:, 0], steering_deg=np.degrees(STEERING)))
     found = said_by_info(capsys, log, "--robot", path)
     assert found["steering"] == {"front": {"column": "steering_deg", "unit": "deg"}}
+
+
+def test_info_recognises_steering_that_wraps(folder, capsys, steered):
+    """Degrees from 0 to 360, of an encoder that begins anew just beside straight ahead."""
+    degrees = (np.degrees(STEERING) + 360.0) % 360.0
+    columns = lists(rear_position=ANGLES[:, 0], front_steering=degrees)
+    log = table(folder, **SECONDS, **columns)
+    robot(folder, "", "bicycle")
+    section = said_by_info(capsys, log, "--robot", folder / "bicycle.yaml")
+    assert section["steering"] == {"front": {"column": "front_steering", "unit": "deg", "wraps": True}}
+    poses = path_of(folder, log, f"log: {json.dumps(section)}\n", "bicycle")
+    np.testing.assert_allclose(poses, steered, **NEARLY)
+
+
+def test_info_recognises_revolutions_per_cycle_without_a_header(folder, capsys, plain):
+    """An encoder's steps are whole parts of a turn; where the robot was, in the same rows, is not."""
+    steps = np.diff(np.floor(ANGLES / math.tau * 1440), axis=0, prepend=0) / 1440
+    x, y = np.cumsum(np.cos(ANGLES), axis=0).T
+    columns = [np.arange(COUNT) * 0.02, x, y, *steps.T]
+    log = folder / "log.csv"
+    log.write_text("".join(",".join(map(repr, row)) + "\n" for row in np.stack(columns, axis=-1).tolist()))
+    section = said_by_info(capsys, log)
+    assert section["wheels"] == {
+        "left": {"column": 3, "unit": "rev", "kind": "increment"},
+        "right": {"column": 4, "unit": "rev", "kind": "increment"},
+    }
+    poses = path_of(folder, log, f"log: {json.dumps(section)}\n")
+    np.testing.assert_allclose(poses[-1], plain[-1], **WITHIN_TICKS)
+
+
+def test_info_takes_no_path_for_wheels(folder, capsys):
+    """Where a robot was looks like running totals, and nothing says that it is not."""
+    log = folder / "log.csv"
+    rows = zip(range(COUNT), ANGLES[:, 0], np.sin(ANGLES[:, 1]), strict=True)
+    log.write_text("".join(f"{0.02 * k:.2f},{x!r},{y!r}\n" for k, x, y in rows))
+    assert "wheels" not in said_by_info(capsys, log)
 
 
 def test_info_recognises_columns_of_a_lower_rate(folder, capsys):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trundle.apps.entry_proposal import field_pose, proposed_entries
+from trundle.apps.quantum import quantum_of, unit_of
 from trundle.apps.wheel_word import matched, wheel_meant, words_of
 from trundle.robot.log_mapping import TableFormat, Unit
 
@@ -76,6 +78,12 @@ class Column:
     def is_whole(self) -> bool:
         """Whether it holds whole numbers only."""
         return self.values is not None and bool((self.values == np.rint(self.values)).all())
+
+    @property
+    def steps_unit(self) -> str:
+        """The unit of which its numbers are an encoder's steps; empty where that cannot be seen."""
+        quantum = None if self.values is None else quantum_of(self.values)
+        return "" if quantum is None else unit_of(quantum)
 
     @property
     def words(self) -> list[str]:
@@ -179,12 +187,24 @@ def _steers(name: str) -> bool:
 def _propose_steering(proposal: Proposal, angles: Sequence[Column], steered: Sequence[str]) -> None:
     named = {str(column.name): column for column in angles}
     for wheel, name in matched(steered, list(named)).items():
-        unit = "deg" if "deg" in named[name].words else "rad"
-        proposal.put(
-            ("steering", wheel),
-            {"column": named[name].name, "unit": unit, **_held(named[name])},
-            f"steering of {wheel} [{unit}]",
-        )
+        column = named[name]
+        unit = _angle_unit(column)
+        mapping = {"column": column.name, "unit": unit, **_held(column), **_wrapping(column, unit)}
+        proposal.put(("steering", wheel), mapping, f"steering of {wheel} [{unit}]")
+
+
+def _angle_unit(column: Column) -> str:
+    """What its name says, else degrees where it is more than a turn in radians."""
+    assert column.values is not None
+    return "deg" if _DEGREES & set(column.words) or np.abs(column.values).max() > 7.0 else "rad"
+
+
+def _wrapping(column: Column, unit: str) -> dict[str, Any]:
+    """`wraps` for an angle that jumps by a turn, and by little else."""
+    assert column.values is not None
+    turns = np.abs(np.diff(column.values)) * Unit(unit).factor / math.tau
+    jumps = turns > 0.75
+    return {"wraps": True} if jumps.any() and turns[~jumps].max(initial=0.0) < 0.25 else {}
 
 
 def _unnamed_angles(proposal: Proposal, columns: Sequence[Column]) -> list[Column]:
@@ -289,11 +309,16 @@ def _held(column: Column) -> dict[str, Any]:
 def _unnamed_wheels(columns: Sequence[Column], count: int) -> list[Column]:
     """In a table without header: the counters; of too many those that differ; else the last columns.
 
-    Without counters, what adds up like one.
+    Without counters, what has an encoder's steps; without these, what adds up like a counter, if that is all
+    there is: beside other columns it may as well be where the robot was.
     """
     moving = [column for column in columns if np.ptp(column.values) > 0.0]  # type: ignore[arg-type]
     counters = [column for column in moving if column.is_whole]
-    counters = counters or [column for column in moving if _is_running_total(column)]
+    counters = counters or [column for column in moving if column.steps_unit]
+    if not counters:
+        counters = [column for column in moving if _is_running_total(column)]
+        if len(counters) < len(moving) and not count:
+            return []
     totals = [column for column in counters if _is_running_total(column)]
     counters = totals or counters
     if not count or len(counters) == count:
@@ -325,9 +350,8 @@ def _reading(column: Column) -> tuple[str, str]:
     if own in _OWN:
         return _OWN[own]
     said = [_UNITS[word] for word in column.words if word in _UNITS]
-    unit = next(
-        (unit for unit in said if unit != "rad/s"), said[0] if said else "ticks" if column.is_whole else ""
-    )
+    seen = "ticks" if column.is_whole else column.steps_unit
+    unit = next((unit for unit in said if unit != "rad/s"), said[0] if said else seen)
     if "rad/s" in said or unit == "rpm":
         fitting = {"m": "m/s", "mm": "mm/s", "deg": "deg/s", "ticks": "ticks/s"}
         return fitting.get(unit, unit), "velocity"
