@@ -26,7 +26,7 @@ PROMISES = {
     ("JointState, MCAP zstd", "rosbags"): 35.0,
     ("log to trajectory file", "rosbags, wpimath, savetxt"): 20.0,
 }
-AT_MOST_NS = {("integrate, with covariance", "differential"): 400.0}
+AT_MOST_NS = {("integrate, with covariance", name): 400.0 for name in ("differential", "mecanum")}
 
 
 @pytest.fixture

@@ -112,14 +112,18 @@ def test_copy(size, whom, compare):
 
 
 @pytest.mark.parametrize("covariance", [False, True], ids=["without", "with"])
-@pytest.mark.parametrize("name", ["differential", "ackermann"])
+@pytest.mark.parametrize("name", ["differential", "mecanum", "ackermann"])
 def test_integrate(name, covariance, compare):
     """A log through `integrate`: what `trundle track` does between reading and writing."""
+    drive = {
+        "differential": DRIVE,
+        "mecanum": tr.Mecanum(track_width=0.3, wheelbase=0.4, wheel_radius=RADIUS),
+        "ackermann": tr.Ackermann(wheelbase=0.3, track_width=0.2, wheel_radius=RADIUS),
+    }[name]
     angles = positions(100_000)
+    if name == "mecanum":
+        angles = np.tile(angles, 2)  # both axles alike: nothing slips
     steering = 0.3 * np.sin(np.arange(len(angles)) / 100.0)[:, None]
-    drive = (
-        DRIVE if name == "differential" else tr.Ackermann(wheelbase=0.3, track_width=0.2, wheel_radius=RADIUS)
-    )
     log = tr.WheelLog(
         time_ns=np.arange(len(angles)) * 20_000_000,
         wheel_names=drive.measured_names,

@@ -480,7 +480,7 @@ class _Fold:
         owed = surprise.on_pose(off, step)
         turned: Any = owed[5]
         doubt = turned + np.concatenate([[memory.surprise[5]], turned[:-1]])
-        return weighted_sum((1.0, 1.0), (noise, surprise.detour(doubt, step))), owed
+        return surprise.detour(noise, doubt, step), owed
 
     def trajectory(self, lost: Mapping[str, int]) -> Trajectory:
         """What came of the last run; `lost` are rows that never reached us."""

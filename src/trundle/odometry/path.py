@@ -192,8 +192,7 @@ def _noise_seen(
 def _grown(xp: Any, w: _Seen, start: Six) -> _Seen:
     """Sums of the noise to fourth order, as in `covariance.propagate`: b = w (this step), a = z (before)."""
     wx, wy, wt = *w.lever, w.turn
-    sums = _running(xp, (wx, wy, wt))
-    zx1, zy1, zt1 = (part + first for part, first in zip(sums, start[3:], strict=True))
+    zx1, zy1, zt1 = _running(xp, (wx, wy, wt), start[3:])
     zx, zy, zt = zx1 - wx, zy1 - wy, zt1 - wt
     # What a step adds to the total and to both parts of the contrast; last what is smallest.
     old, new = 1.0 - wt * (1.0 / 12.0), 1.0 - zt * (1.0 / 12.0)
@@ -212,13 +211,9 @@ def _grown(xp: Any, w: _Seen, start: Six) -> _Seen:
     square = old * old
     grow = xp.cumulative_prod(square + quarter, axis=-1)
     shrink = xp.cumulative_prod(square - quarter, axis=-1)
-    aligned, across, total = _running(xp, (aligned / shrink, across / shrink, total / grow))
-    return _Seen(
-        grow * (total + (start[0] + start[2])),
-        (shrink * (aligned + (start[0] - start[2])), shrink * (across + 2.0 * start[1])),
-        (zx1, zy1),
-        zt1,
-    )
+    begun = (start[0] - start[2], 2.0 * start[1], start[0] + start[2])
+    aligned, across, total = _running(xp, (aligned / shrink, across / shrink, total / grow), begun)
+    return _Seen(grow * total, (shrink * aligned, shrink * across), (zx1, zy1), zt1)
 
 
 def _drifted(
@@ -237,9 +232,10 @@ def _drifted(
     parts: list[Array] = []
     for px, py, pt in changes:
         parts += (c * px - s * py + y * pt, s * px + c * py - x * pt)
-    sums = iter(_running(xp, (*parts, *(pt for _, _, pt in changes))))
-    places = [(next(sums), next(sums)) for _ in changes]
-    return [(gx + x0, gy + y0, next(sums) + t0) for (gx, gy), (x0, y0, t0) in zip(places, begun, strict=True)]
+    starts = [first for x0, y0, _ in begun for first in (x0, y0)]
+    places = _running(xp, parts, starts)
+    turns = _running(xp, [pt for _, _, pt in changes], [t0 for _, _, t0 in begun])
+    return list(zip(places[::2], places[1::2], turns, strict=True))
 
 
 def _with_squares(seen: _Seen, sums: Sequence[Columns]) -> _Seen:
@@ -294,22 +290,23 @@ def _direction(xp: Any, angle: Array, length: Array | float) -> tuple[Array, Arr
     return (1.0 - square) * scale, (t + t) * scale
 
 
-def _two_sums(xp: Any, x: Array, y: Array) -> tuple[Array, Array]:
+def _two_sums(xp: Any, x: Array, y: Array, x0: Any = 0.0, y0: Any = 0.0) -> tuple[Array, Array]:
     """Running sums. Each waits for the one before it, and NumPy's complex ones wait for two at a time."""
     if not is_numpy_array(x):
-        return xp.cumulative_sum(x, axis=-1), xp.cumulative_sum(y, axis=-1)
+        return x0 + xp.cumulative_sum(x, axis=-1), y0 + xp.cumulative_sum(y, axis=-1)
     both = np.empty(x.shape, dtype=np.result_type(x, np.complex64))
     both.real, both.imag = x, y
+    both[..., :1] += x0 + 1j * y0
     both = np.cumsum(both, axis=-1)
     return both.real, both.imag
 
 
-def _running(xp: Any, parts: Columns) -> list[Array]:
-    """Running sums of several columns."""
+def _running(xp: Any, parts: Columns, starts: Sequence[float]) -> list[Array]:
+    """Running sums of several columns, each from its start."""
     sums: list[Array] = []
     for k in range(0, len(parts) - 1, 2):
-        sums += _two_sums(xp, parts[k], parts[k + 1])
-    return [*sums, xp.cumulative_sum(parts[-1], axis=-1)] if len(parts) % 2 else sums
+        sums += _two_sums(xp, parts[k], parts[k + 1], starts[k], starts[k + 1])
+    return [*sums, starts[-1] + xp.cumulative_sum(parts[-1], axis=-1)] if len(parts) % 2 else sums
 
 
 def _shifted(xp: Any, part: Array, first: Array | None) -> Array:

@@ -63,14 +63,15 @@ class Surprise:
         return outer((x - 0.5 * (dy * turn - angle * y), y - 0.5 * (angle * x - dx * turn), turn))
 
     @staticmethod
-    def detour(doubt: Number, step: Vector) -> Six:
-        """What stays of it: steps walked along a wrong heading, half of it there, half on the way back.
+    def detour(noise: Six, doubt: Number, step: Vector) -> Six:
+        """Noise of a step with what stays: there and back, it was walked along half a wrong heading.
 
         Args:
+            noise: Covariance of the step.
             doubt: Variance of the heading by this step's surprise and by that of the step before [rad^2].
             step: The displacement (x, y, theta) as measured.
         """
+        xx, xy, yy, xt, yt, tt = noise
         dx, dy, _ = step
-        wrong = 0.25 * doubt
-        nothing = 0.0 * wrong
-        return (wrong * dy * dy, -wrong * dx * dy, wrong * dx * dx, nothing, nothing, nothing)
+        wx, wy = 0.25 * doubt * dx, 0.25 * doubt * dy
+        return (xx + wy * dy, xy - wx * dy, yy + wx * dx, xt, yt, tt)

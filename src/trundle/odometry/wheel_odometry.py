@@ -561,7 +561,7 @@ class WheelOdometry:
             if self._kind in (INCREMENT, VELOCITY):
                 return self._step_noise
             self._surprise = self.surprise.on_pose(off, step)
-        return weighted_sum((1.0, 1.0), (noise, self.surprise.detour(before[5] + self._surprise[5], step)))
+        return self.surprise.detour(noise, before[5] + self._surprise[5], step)
 
     def _without_bias(self, turn: float | None, turned: Numbers, seconds: float) -> float | None:
         """What the gyro says about a step [rad]; nothing while the robot stands still."""
