@@ -178,8 +178,10 @@ class ColumnDecoder:
         columns = {builder.slot.path: builder.column(self._count, order) for builder in self._builders}
         header = None
         if self._stamp:
-            seconds, nanoseconds = (np.asarray(columns[path]).astype(np.int64) for path in self._stamp)
-            header = seconds * 1_000_000_000 + nanoseconds
+            seconds, nanoseconds = (np.asarray(columns[path]) for path in self._stamp)
+            header = seconds.astype(np.int64)
+            header *= 1_000_000_000
+            header += nanoseconds
         return TopicColumns(receive[order], header, {path: columns[path] for path in self._fields})
 
     def _append_group(self, batch: MessageBatch, rows: _Rows, members: _Rows) -> None:
@@ -244,7 +246,7 @@ class _Numbers:
         del agree
         code = self.slot.code
         stored = np.dtype("u1" if code == "b1" else byte_order + code)
-        values = [matrix[:, start:stop].view(stored) for start, stop in places]
+        values = [np.ascontiguousarray(_range(matrix, start, stop)).view(stored) for start, stop in places]
         part = (
             values[0]
             if len(values) == 1
@@ -328,10 +330,16 @@ def _agree(matrix: _Matrix, first: bytes, start: int, stop: int) -> bool:
         return bool((words == words[0]).all())
     expected = first[start:stop] * ROWS_COMPARED
     for row in range(0, len(matrix), ROWS_COMPARED):
-        found = matrix[row : row + ROWS_COMPARED, start:stop].tobytes()
+        found = _range(matrix[row : row + ROWS_COMPARED], start, stop).tobytes()
         if found != expected[: len(found)]:
             return False
     return True
+
+
+def _range(matrix: _Matrix, start: int, stop: int) -> npt.NDArray[np.void]:
+    """A range of bytes of all rows, each as one item (n, 1): NumPy copies those three times as fast."""
+    items: npt.NDArray[np.void] = matrix[:, start:stop].view(f"V{stop - start}")
+    return items
 
 
 def _part(rows: _Rows, chosen: slice | npt.NDArray[np.int64]) -> _Rows:
