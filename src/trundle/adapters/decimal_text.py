@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["decimal_rows"]
+__all__ = ["decimal_blocks", "decimal_rows"]
 
 ROWS_AT_ONCE = 4096  # few enough for their texts to stay in the cache
 
@@ -20,9 +20,18 @@ def decimal_rows(columns: Sequence[npt.NDArray[Any]]) -> Iterator[tuple[str, ...
     Args:
         columns: Numbers, each column of shape (n,).
     """
+    for block in decimal_blocks(columns):
+        yield from zip(*block, strict=True)
+
+
+def decimal_blocks(columns: Sequence[npt.NDArray[Any]]) -> Iterator[list[Sequence[str]]]:
+    """The columns of a table, some rows at a time.
+
+    Args:
+        columns: As for `decimal_rows`.
+    """
     for start in range(0, len(columns[0]), ROWS_AT_ONCE):
-        rows = slice(start, start + ROWS_AT_ONCE)
-        yield from zip(*(_decimals(column[rows]) for column in columns), strict=True)
+        yield [_decimals(column[start : start + ROWS_AT_ONCE]) for column in columns]
 
 
 def _decimals(column: npt.NDArray[Any]) -> Sequence[str]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from trundle.adapters.decimal_text import decimal_rows
+from trundle.adapters.decimal_text import decimal_blocks
 from trundle.adapters.numeral import Real, Stamp
 from trundle.adapters.quaternion import quaternion_of_yaw, yaw_of_quaternion
 from trundle.adapters.table import Wanted, open_table
@@ -30,7 +30,7 @@ def write_tum(trajectory: Trajectory, path: Path) -> None:
 
 
 def tum_lines(trajectory: Trajectory) -> Iterator[str]:
-    """The poses. Stamps have all nine decimals, other numbers what it takes to read back the same.
+    """The poses, some lines at a time. Stamps have nine decimals, numbers what reads back the same.
 
     Raises:
         InputError: If a pose is not finite: a quaternion cannot say "unknown".
@@ -40,8 +40,9 @@ def tum_lines(trajectory: Trajectory) -> Iterator[str]:
         pose = trajectory.poses[unknown[0]].tolist()
         raise InputError(f"pose {unknown[0]} is {pose}, must be finite in a .tum file; .csv can hold it")
     z, w = quaternion_of_yaw(trajectory.poses[:, 2])
-    rows = decimal_rows((trajectory.time_ns, *trajectory.poses.T[:2], z, w))
-    return (f"{_seconds(t)} {x} {y} 0 0 0 {qz} {qw}\n" for t, x, y, qz, qw in rows)
+    for time_ns, *numbers in decimal_blocks((trajectory.time_ns, *trajectory.poses.T[:2], z, w)):
+        rows = zip(_digits(time_ns), *numbers, strict=True)
+        yield "".join([f"{t[:-9]}.{t[-9:]} {x} {y} 0 0 0 {qz} {qw}\n" for t, x, y, qz, qw in rows])
 
 
 def read_tum(path: Path) -> Trajectory:
@@ -59,7 +60,8 @@ def read_tum(path: Path) -> Trajectory:
     return Trajectory(time_ns=time_ns, poses=poses, rejected=rows.rejected)
 
 
-def _seconds(time_ns: str) -> str:
-    """Seconds with nine decimals, without a detour through floats."""
-    digits = time_ns.zfill(10 + time_ns.startswith("-"))
-    return f"{digits[:-9]}.{digits[-9:]}"
+def _digits(time_ns: Sequence[str]) -> Sequence[str]:
+    """Nanoseconds with one digit at least before the nine that are decimals of seconds."""
+    if len(min(time_ns, key=len)) > 10:  # one may be a sign
+        return time_ns
+    return [stamp.zfill(10 + stamp.startswith("-")) for stamp in time_ns]
