@@ -27,9 +27,12 @@ Every message says what was wanted, what came, what is allowed, and where.
 from __future__ import annotations
 
 import difflib
+import enum
 import math
 from collections.abc import Iterable, Mapping
-from typing import SupportsFloat, SupportsIndex
+from numbers import Real
+from pathlib import Path
+from typing import Any, SupportsFloat, SupportsIndex, TypeVar
 
 __all__ = [
     "CalibrationError",
@@ -54,10 +57,19 @@ __all__ = [
     "did_you_mean",
     "listed",
     "no_such",
+    "require_choice",
     "require_finite",
     "require_numbers",
+    "require_path",
     "require_positive",
+    "require_type",
+    "row_of",
+    "shown",
 ]
+
+
+_Choice = TypeVar("_Choice", bound=enum.Enum)
+_LONGEST = 70  # letters of what came that are shown
 
 
 class TrundleError(Exception):
@@ -189,13 +201,20 @@ def require_finite(field: str, value: float) -> float:
 
     Traced values (JAX, PyTorch) pass as they are: they have no number to check yet.
     """
-    if isinstance(value, bool | str) or value is None:
-        raise ConfigError(field, f"{value!r}, must be a number")
-    if isinstance(value, float | int):
-        if not math.isfinite(value):
-            raise ConfigError(field, f"{value}, must be finite")
-        return float(value)
-    return value
+    if not isinstance(value, bool | str):
+        if isinstance(value, Real) or type(value).__module__ == "numpy":
+            try:
+                number = float(value)
+            except OverflowError:
+                number = math.inf
+            except (TypeError, ValueError):
+                raise ConfigError(field, f"{shown(value)}, must be a number") from None
+            if not math.isfinite(number):
+                raise ConfigError(field, f"{number}, must be finite")
+            return number
+        if getattr(value, "shape", None) == () or hasattr(value, "detach"):
+            return value
+    raise ConfigError(field, f"{shown(value)}, must be a number")
 
 
 def require_positive(field: str, value: float) -> float:
@@ -204,6 +223,46 @@ def require_positive(field: str, value: float) -> float:
     if isinstance(value, float) and value <= 0.0:
         raise ConfigError(field, f"{value:g}, must be > 0")
     return value
+
+
+def require_type(call: str, name: str, value: object, kind: type) -> None:
+    """An InputError unless a value is of a kind."""
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        raise InputError(f"{call}: {name} {shown(value)}, must be {article} {kind.__name__}")
+
+
+def require_choice(field: str, value: object, choices: type[_Choice]) -> _Choice:
+    """The choice that a value is, or names, or a ConfigError with the nearest."""
+    if isinstance(value, choices):
+        return value
+    words = [choice.value for choice in choices]
+    if not isinstance(value, str) or value not in words:
+        raise ConfigError(field, f"{shown(value)}, {did_you_mean(str(value), words)}")
+    return choices(value)
+
+
+def require_path(value: Any) -> Path:
+    """A file's path, or an InputError."""
+    if not (isinstance(value, str) and value) and not hasattr(type(value), "__fspath__"):
+        raise InputError(f"path {shown(value)}, must be the name of a file")
+    return Path(value)
+
+
+def row_of(value: Any) -> tuple[Any, ...] | None:
+    """The elements of a row; None where it is none, such as a text or a number."""
+    if isinstance(value, str | bytes | Mapping):
+        return None
+    try:
+        return tuple(value)
+    except TypeError:
+        return None
+
+
+def shown(value: Any) -> str:
+    """What came, on a line of readable length."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}... ({type(value).__name__})"
 
 
 def require_numbers(call: str, *, one: Mapping[str, object] = {}, row: Mapping[str, object] = {}) -> None:
@@ -218,18 +277,18 @@ def require_numbers(call: str, *, one: Mapping[str, object] = {}, row: Mapping[s
     """
     for name, value in one.items():
         if value is not None and not _is_number(value):
-            raise InputError(f"{call}: {name} {value!r}, must be a number")
+            raise InputError(f"{call}: {name} {shown(value)}, must be a number")
     for name, value in row.items():
         if (
             isinstance(value, str | bytes)
             or not isinstance(value, Iterable)
             or not all(map(_is_number, value))
         ):
-            raise InputError(f"{call}: {name} {value!r}, must be a row of numbers")
+            raise InputError(f"{call}: {name} {shown(value)}, must be a row of numbers")
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, SupportsFloat | SupportsIndex) and not isinstance(value, Iterable)
+    return isinstance(value, SupportsFloat | SupportsIndex) and not isinstance(value, Iterable | type)
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

@@ -9,7 +9,7 @@ import re
 import stat
 from pathlib import Path
 
-from trundle.errors import LogError
+from trundle.errors import LogError, require_path
 
 __all__ = ["KINDS_OF_LOG", "Content", "beginning_of", "content_of"]
 
@@ -58,7 +58,7 @@ def content_of(path: str | os.PathLike[str]) -> Content:
         LogError: With reason `not_a_file`, `unreadable`, `empty`, or, where the content is of no known
             kind or contradicts the file's suffix, `format`.
     """
-    path = Path(path)
+    path = require_path(path)
     try:
         mode = path.stat().st_mode
         parts = list(path.iterdir()) if stat.S_ISDIR(mode) else []

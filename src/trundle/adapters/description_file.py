@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from trundle.errors import ConfigError
+from trundle.errors import ConfigError, require_path
 
 __all__ = ["read_description"]
 
@@ -17,7 +17,7 @@ def read_description(path: str | Path) -> bytes:
     Raises:
         ConfigError: If it cannot be read, or is a folder, a pipe or a device.
     """
-    file = Path(path)
+    file = require_path(path)
     try:
         special = file.exists() and not file.is_file()
         raw = b"" if special else _beginning(file)

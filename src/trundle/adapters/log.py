@@ -14,7 +14,7 @@ from trundle.adapters.content import Content, content_of
 from trundle.adapters.sensor_correction import corrected
 from trundle.adapters.stamp_order import in_order, pieces_in_order
 from trundle.adapters.steady_file import SteadyFile
-from trundle.errors import LogError, TrundleError
+from trundle.errors import LogError, TrundleError, require_path
 from trundle.records import WheelLog
 from trundle.robot import Kinematics, LogMapping, Robot
 
@@ -58,7 +58,7 @@ def read_log(
         ConfigError: If the mapping does not fit the robot.
         MissingExtra: If the format needs a package that is not installed.
     """
-    path = Path(path)
+    path = require_path(path)
     described = robot if isinstance(robot, Robot) else Robot(drive=robot)
     content, file = content_of(path), SteadyFile(path)
     # NaN and infinity go through units and mountings as they are: odometry judges them.
@@ -88,7 +88,7 @@ def read_log_pieces(
         ConfigError: As `read_log`.
         MissingExtra: As `read_log`.
     """
-    path = Path(path)
+    path = require_path(path)
     cut = _CUTTERS.get(content_of(path))
     if cut is None:
         yield read_log(path, robot, salvage=salvage)

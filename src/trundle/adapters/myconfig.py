@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TypeAlias
 
-from trundle.errors import ConfigError, InputError
+from trundle.errors import ConfigError, InputError, require_path
 from trundle.robot import Ackermann, Bicycle, Differential, Encoder, Limits, Robot
 
 __all__ = ["myconfig_text", "read_myconfig", "robot_from_myconfig"]
@@ -88,7 +88,7 @@ def read_myconfig(path: str | Path) -> dict[str, Value]:
     """
     known: dict[str, Value] = {}
     try:
-        for statement in _parsed(Path(path)).body:
+        for statement in _parsed(require_path(path)).body:
             _take(statement, known)
     except ConfigError as error:
         raise error.inside("", source=str(path)) from None

@@ -20,7 +20,7 @@ from trundle.adapters.atomic import atomic_path
 from trundle.adapters.margin_note import with_notes
 from trundle.adapters.robot_data import robot_from_data, robot_to_data
 from trundle.adapters.yaml_document import YamlDocument, parse_yaml, resolve_plain
-from trundle.errors import ConfigError
+from trundle.errors import ConfigError, require_path, require_type
 from trundle.robot import Robot
 
 __all__ = ["load_robot", "robot_text", "save_robot"]
@@ -41,7 +41,7 @@ def load_robot(path: str | Path) -> Robot:
         ConfigError: If it cannot be read or describes no robot; the message says file, field, value, what is
             allowed, and the line.
     """
-    return _described(parse_yaml(_read(Path(path)), str(path)))
+    return _described(parse_yaml(_read(require_path(path)), str(path)))
 
 
 def save_robot(
@@ -65,8 +65,10 @@ def save_robot(
         ConfigError: If the file to start from is no robot description. Nothing is written then.
         OutputError: If the file cannot be written.
     """
-    target = Path(path)
-    start = Path(like) if like is not None else target if target.exists() else None
+    require_type("save_robot", "robot", robot, Robot)
+    require_type("save_robot", "notes", notes, Mapping)
+    target = require_path(path)
+    start = require_path(like) if like is not None else target if target.exists() else None
     old = None if start is None else _read(start)
     text = robot_text(robot, old, source="" if start is None else str(start), notes=notes)
     with atomic_path(target, force=True) as temporary:

@@ -22,7 +22,7 @@ from trundle.adapters.quantity import DURATION, LENGTH, RADIUS, read_number
 from trundle.adapters.ros2_parameters import FAMILIES, Controller, find_controllers
 from trundle.adapters.typed_section import read_list, shown
 from trundle.adapters.yaml_document import YamlDocument, parse_yaml
-from trundle.errors import ConfigError, InputError, did_you_mean
+from trundle.errors import ConfigError, InputError, did_you_mean, require_type
 from trundle.robot import (
     Ackermann,
     Bicycle,
@@ -114,6 +114,7 @@ def _chosen(found: Sequence[Controller], name: str | None) -> Controller:
     names = [one.name for one in found]
     known = "; known: " + ", ".join(family.plugin for family in FAMILIES.values())
     if name is not None:
+        require_type("robot_from_controllers", "controller", name, str)
         for one in found:
             if one.name == name:
                 return one
@@ -444,6 +445,9 @@ def controllers_text(robot: Robot, *, name: str | None = None, nominal: Robot | 
         InputError: If there is no controller for such a drive, or a joint turns the other way round (the
             controllers know no signs).
     """
+    require_type("controllers_text", "robot", robot, Robot)
+    require_type("controllers_text", "nominal", robot if nominal is None else nominal, Robot)
+    require_type("controllers_text", "name", "" if name is None else name, str)
     package, values = _written_drive(robot, robot if nominal is None else nominal)
     family = FAMILIES[package]
     title = name or package

@@ -9,7 +9,7 @@ from pathlib import Path
 from trundle.adapters.atomic import atomic_path
 from trundle.adapters.content import beginning_of
 from trundle.adapters.trajectory_format import TRAJECTORY_FORMATS
-from trundle.errors import InputError, LogError
+from trundle.errors import InputError, LogError, require_path, require_type
 from trundle.records import Trajectory
 
 __all__ = ["TRAJECTORY_SUFFIXES", "read_trajectory", "write_trajectory"]
@@ -30,7 +30,8 @@ def write_trajectory(trajectory: Trajectory, path: str | os.PathLike[str], *, fo
         OutputError: If the file exists, or cannot be written.
         MissingExtra: If the format needs a package that is not installed.
     """
-    path = Path(path)
+    require_type("write_trajectory", "trajectory", trajectory, Trajectory)
+    path = require_path(path)
     suffix = path.suffix.lower()
     if suffix not in _WRITERS:
         raise InputError(
@@ -56,7 +57,7 @@ def read_trajectory(path: str | os.PathLike[str], *, body: str | None = None) ->
         LogSchema: If it lacks a column.
         MissingExtra: If the format needs a package that is not installed.
     """
-    path = Path(path)
+    path = require_path(path)
     suffix = path.suffix.lower()
     if suffix not in _READERS:
         known = ", ".join(TRAJECTORY_SUFFIXES)

@@ -18,7 +18,16 @@ import numpy as np
 
 from trundle.adapters.description_file import read_description
 from trundle.adapters.xml_document import Element, parse_xml
-from trundle.errors import ConfigError, MissingExtra, did_you_mean
+from trundle.errors import (
+    ConfigError,
+    InputError,
+    MissingExtra,
+    did_you_mean,
+    require_path,
+    require_type,
+    row_of,
+    shown,
+)
 from trundle.robot import DRIVES, Custom, Kinematics, LogMapping, Robot, TrackingWheels, Wheel
 from trundle.robot.log_mapping import ScalarMapping, WheelMapping
 
@@ -87,6 +96,10 @@ def robot_from_urdf(
         ConfigError: If it cannot be read, has no wheels, or they cannot be such a drive.
         MissingExtra: If it is a xacro and that package is not installed.
     """
+    for field, value in (("drive", drive or ""), ("base", base)):
+        require_type("robot_from_urdf", field, value, str)
+    if wheels is not None and (isinstance(wheels, str) or row_of(wheels) is None):
+        raise InputError(f"robot_from_urdf: wheels {shown(wheels)}, must be a list of joints")
     try:
         name, found = urdf_wheels(path, base=base)
         chosen = _with_radius(_chosen(found, wheels), wheel_radius)
@@ -111,7 +124,7 @@ def urdf_wheels(path: str | Path, *, base: str = "base_link") -> tuple[str, list
         ConfigError: If it cannot be read, or its links and joints are no tree.
         MissingExtra: If it is a xacro and that package is not installed.
     """
-    root = _model(Path(path))
+    root = _model(require_path(path))
     try:
         tree = _Tree(root)
         tree.look_from(base)

@@ -12,7 +12,7 @@ from trundle.adapters.atomic import atomic_path
 from trundle.adapters.decimal_text import decimal_rows
 from trundle.adapters.default_columns import REFERENCE, TWIST
 from trundle.adapters.resampling import interpolated, turned
-from trundle.errors import InputError
+from trundle.errors import InputError, require_path, require_type
 from trundle.records import Reading, Trajectory, WheelLog
 
 __all__ = ["write_log"]
@@ -40,6 +40,8 @@ def write_log(log: WheelLog, path: str | os.PathLike[str], *, force: bool = Fals
         InputError: If a wheel's name cannot be that of a column.
         OutputError: If the file exists or cannot be written.
     """
+    require_type("write_log", "log", log, WheelLog)
+    path = require_path(path)
     columns = _columns(log)
     text = [",".join(columns)]
     text += [",".join(row) for row in decimal_rows(list(columns.values()))]

@@ -8,7 +8,7 @@ import msgspec
 
 from trundle.command.frame import discretize
 from trundle.command.reason import Reason
-from trundle.errors import ConfigError, Infeasible
+from trundle.errors import ConfigError, Infeasible, require_type
 from trundle.geometry import Twist2D
 from trundle.robot import Kinematics, Robot, WheelKind
 from trundle.robot.rows import Row, rolling
@@ -36,6 +36,7 @@ class Envelope:
     """
 
     def __init__(self, robot: Robot, *, period: float | None = None) -> None:
+        require_type("Envelope", "robot", robot, Robot)
         self.limits = robot.limits
         self.drive = _steering_within(robot.drive, self.limits.max_steering)
         odd = Twist2D(0.3, 0.5, 0.7)  # no direction that a drive prefers

@@ -6,7 +6,7 @@ import math
 
 import msgspec
 
-from trundle.errors import ConfigError, require_finite, require_positive
+from trundle.errors import ConfigError, InputError, require_finite, require_numbers, require_positive
 
 __all__ = ["FeedForward"]
 
@@ -40,7 +40,11 @@ class FeedForward(msgspec.Struct, frozen=True):
             speed: Wheel speed [rad/s].
             acceleration: [rad/s^2].
         """
-        return self._friction(speed, acceleration) + self.kv * speed + self.ka * acceleration
+        try:
+            return self._friction(speed, acceleration) + self.kv * speed + self.ka * acceleration
+        except (TypeError, ValueError):
+            require_numbers("effort", one={"speed": speed, "acceleration": acceleration})
+            raise InputError(f"effort: speed {speed}, acceleration {acceleration}: must be numbers") from None
 
     def effort_to_reach(self, speed: float, wanted: float, period: float) -> float:
         """Constant effort that takes the wheel from one speed to another in a period, exactly.
@@ -54,6 +58,8 @@ class FeedForward(msgspec.Struct, frozen=True):
             Zero-order hold of `ka dw/dt + kv w = effort - friction`.
         """
         require_positive("period", period)
+        require_finite("speed", speed)
+        require_finite("wanted", wanted)
         if self.ka == 0.0:  # without inertia it is there at once
             return self.effort(wanted)
         friction = self._friction(speed, wanted - speed)

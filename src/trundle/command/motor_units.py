@@ -4,9 +4,19 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Collection, Sequence
+import operator
+from collections.abc import Callable, Collection, Sequence
 
-from trundle.errors import ConfigError, ShapeError, did_you_mean
+from trundle.errors import (
+    ConfigError,
+    ShapeError,
+    did_you_mean,
+    require_choice,
+    require_numbers,
+    require_type,
+    row_of,
+    shown,
+)
 from trundle.robot import Robot
 
 __all__ = ["MotorUnit", "MotorUnits"]
@@ -39,17 +49,17 @@ class MotorUnits:
     def __init__(
         self, robot: Robot, unit: MotorUnit | str, *, inverted: Collection[str] | None = None
     ) -> None:
+        require_type("MotorUnits", "robot", robot, Robot)
         names = robot.drive.wheel_names
-        words = [known.value for known in MotorUnit]
-        if not isinstance(unit, MotorUnit) and unit not in words:
-            raise ConfigError("unit", f"{unit!r}, {did_you_mean(str(unit), words)}")
-        self.unit = MotorUnit(unit)
+        self.unit = require_choice("unit", unit, MotorUnit)
         if inverted is None:
             inverted = [name for name, encoder in robot.encoders.items() if encoder.inverted]
             inverted = [name for name in inverted if name in names]
+        if isinstance(inverted, str) or row_of(inverted) is None:
+            raise ConfigError("inverted", f"{shown(inverted)}, must be a list of wheels")
         for name in inverted:
             if name not in names:
-                raise ConfigError("inverted", f"{name!r}, {did_you_mean(name, names)}")
+                raise ConfigError("inverted", f"{shown(name)}, {did_you_mean(str(name), names)}")
         if self.unit is MotorUnit.RAD_PER_S:
             factors = [1.0] * len(names)
         elif self.unit is MotorUnit.RPM:
@@ -70,13 +80,17 @@ class MotorUnits:
         Raises:
             ShapeError: If there is not one per wheel.
         """
-        return tuple(speed * factor for speed, factor in self._pairs(speeds))
+        return self._each(speeds, operator.mul)
 
     def to_wheel(self, values: Sequence[float]) -> tuple[float, ...]:
         """Wheel speeds [rad/s] from what the motor controllers say; the inverse of `to_motor`."""
-        return tuple(value / factor for value, factor in self._pairs(values))
+        return self._each(values, operator.truediv)
 
-    def _pairs(self, values: Sequence[float]) -> list[tuple[float, float]]:
-        if len(values) != len(self._factors):
-            raise ShapeError(f"speeds: {len(values)} values, must be {len(self._factors)}, one per wheel")
-        return list(zip(values, self._factors, strict=True))
+    def _each(self, values: Sequence[float], change: Callable[[float, float], float]) -> tuple[float, ...]:
+        try:
+            if len(values) != len(self._factors):
+                raise ShapeError(f"speeds: {len(values)} values, must be {len(self._factors)}, one per wheel")
+            return tuple(map(change, values, self._factors))
+        except TypeError:
+            require_numbers("MotorUnits", row={"speeds": values})
+            raise

@@ -14,7 +14,7 @@ from trundle.command.reason import Reason
 from trundle.command.saturation import Saturation, saturate
 from trundle.command.steering import Steering, SteeringState
 from trundle.command.watchdog import Demand
-from trundle.errors import require_positive
+from trundle.errors import require_choice, require_positive
 from trundle.geometry import Twist2D
 from trundle.robot import Kinematics, Robot, WheelCommand
 
@@ -95,7 +95,7 @@ class CommandPipeline:
     ) -> None:
         robot = Robot(drive=robot) if isinstance(robot, Kinematics) else robot
         self.period = require_positive("period", period)
-        self.saturation = Saturation(saturation)
+        self.saturation = require_choice("saturation", saturation, Saturation)
         self.envelope = Envelope(robot, period=period if discretize else None)
         self.steering = Steering(self.envelope.drive) if steering is None else steering
         self._ramp = Ramp(robot.limits, period, self.envelope.load)

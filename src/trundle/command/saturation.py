@@ -9,7 +9,7 @@ import msgspec
 
 from trundle.command.envelope import Envelope
 from trundle.command.reason import Reason
-from trundle.errors import InputError
+from trundle.errors import InputError, require_choice, require_type, shown
 from trundle.geometry import Twist2D
 
 __all__ = ["Achieved", "Saturation", "saturate"]
@@ -45,7 +45,7 @@ class Achieved(msgspec.Struct, frozen=True):
     reasons: tuple[Reason, ...] = ()
 
 
-def saturate(twist: Twist2D, envelope: Envelope, policy: Saturation = Saturation.SCALE_ALL) -> Achieved:
+def saturate(twist: Twist2D, envelope: Envelope, policy: Saturation | str = Saturation.SCALE_ALL) -> Achieved:
     """The twist that a robot will make of a wanted one.
 
     Args:
@@ -54,9 +54,16 @@ def saturate(twist: Twist2D, envelope: Envelope, policy: Saturation = Saturation
         policy: What gives way first.
 
     Raises:
+        ConfigError: If there is no such policy.
         InputError: If the twist is not finite (a watchdog keeps such twists away).
     """
-    if not abs(twist.vx) + abs(twist.vy) + abs(twist.omega) < float("inf"):
+    require_type("saturate", "envelope", envelope, Envelope)
+    policy = require_choice("policy", policy, Saturation)
+    try:
+        finite = abs(twist.vx) + abs(twist.vy) + abs(twist.omega) < float("inf")
+    except (AttributeError, TypeError):
+        raise InputError(f"saturate: twist {shown(twist)}, must be a Twist2D of numbers") from None
+    if not finite:
         raise InputError(f"{twist}: every component must be finite")
     wanted, slips = envelope.project(twist)
     reasons: tuple[Reason, ...] = (Reason.SIDEWAYS,) if slips else ()

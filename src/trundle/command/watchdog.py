@@ -16,7 +16,7 @@ from types import MappingProxyType
 import msgspec
 
 from trundle.command.reason import Reason
-from trundle.errors import ConfigError, require_finite, require_positive
+from trundle.errors import ConfigError, require_finite, require_numbers, require_positive, require_type
 from trundle.geometry import Twist2D
 
 __all__ = ["Demand", "Latch", "Rejection", "Watchdog", "WatchdogState"]
@@ -96,7 +96,7 @@ class Watchdog(msgspec.Struct, frozen=True, kw_only=True):
     implausible: float = 1e3
 
     def __post_init__(self) -> None:
-        if self.timeout != math.inf:
+        if not (isinstance(self.timeout, float) and self.timeout == math.inf):
             require_positive("timeout", self.timeout)
         require_positive("implausible", self.implausible)
         if require_finite("future", self.future) < 0.0:
@@ -122,6 +122,9 @@ class Watchdog(msgspec.Struct, frozen=True, kw_only=True):
             stamp_ns: When it was sent, by the sender's wall clock [ns]; None if it says nothing.
             clock_ns: The receiver's wall clock [ns]; stamps are judged only where it is given.
         """
+        require_type("receive", "state", state, WatchdogState)
+        require_type("receive", "twist", twist, Twist2D)
+        require_numbers("receive", one={"now_ns": now_ns, "stamp_ns": stamp_ns, "clock_ns": clock_ns})
         rejection = self._judge(state, twist, stamp_ns, clock_ns)
         if rejection is not None:
             rejected = {**state.rejected, rejection: state.rejected.get(rejection, 0) + 1}

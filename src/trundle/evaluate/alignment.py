@@ -8,7 +8,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from trundle.errors import InputError, ShapeError, Unobservable
+from trundle.errors import InputError, ShapeError, Unobservable, require_type
 from trundle.geometry import Pose2D, se2
 from trundle.records import Trajectory
 
@@ -73,6 +73,8 @@ def transform(trajectory: Trajectory, pose: Pose2D, *, frame: str | None = None)
         pose: That frame, in the wanted one.
         frame: Name of the wanted frame; None keeps the name.
     """
+    require_type("transform", "trajectory", trajectory, Trajectory)
+    require_type("transform", "pose", pose, Pose2D)
     poses = se2.compose(np.asarray([pose.x, pose.y, pose.theta]), trajectory.poses)
     return dataclasses.replace(trajectory, poses=poses, frame=trajectory.frame if frame is None else frame)
 
@@ -86,6 +88,7 @@ def since_start(trajectory: Trajectory) -> Trajectory:
     Raises:
         InputError: If the trajectory is empty, or its first pose is not finite.
     """
+    require_type("since_start", "trajectory", trajectory, Trajectory)
     if not len(trajectory) or not np.isfinite(trajectory.poses[0]).all():
         raise InputError("a motion needs a first pose with x, y and heading")
     start = trajectory.pose(0)
@@ -104,6 +107,8 @@ def require_matched(estimate: Trajectory, reference: Trajectory, *, at_least: in
         ShapeError: If they differ in length.
         InputError: If they are shorter than wanted.
     """
+    for name, trajectory in (("estimate", estimate), ("reference", reference)):
+        require_type("evaluate", name, trajectory, Trajectory)
     if len(estimate) != len(reference):
         raise ShapeError(
             f"estimate has {len(estimate)} samples, reference {len(reference)}, must be as many: "

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-import math
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from trundle.errors import InputError
+from trundle.errors import InputError, require_choice, require_numbers, require_type
 from trundle.geometry import se2
 from trundle.records import Trajectory
+from trundle.records.columns import stamps as column_of_stamps
 
 __all__ = ["Stamps", "associate", "describe_spans", "interpolate", "shift", "span"]
 
 Stamped = npt.NDArray[np.int64]
+_LATEST = 9e9  # [s]: as far as int64 nanoseconds reach
 Mask = npt.NDArray[np.bool_]
 
 
@@ -35,7 +36,7 @@ def associate(
     *,
     max_gap: float = 1.0,
     time_offset: float = 0.0,
-    stamps: Stamps = Stamps.SPARSER,
+    stamps: Stamps | str = Stamps.SPARSER,
 ) -> tuple[Trajectory, Trajectory]:
     """Both trajectories at common stamps, which are stamps of one of them.
 
@@ -56,7 +57,11 @@ def associate(
     Raises:
         InputError: If stamps go back, or nothing matches; the message says both time spans.
     """
-    if not max_gap > 0.0:
+    stamps = require_choice("stamps", stamps, Stamps)
+    for name, trajectory in (("estimate", estimate), ("reference", reference)):
+        require_type("associate", name, trajectory, Trajectory)
+    require_numbers("associate", one={"max_gap": max_gap})
+    if max_gap is None or not max_gap > 0.0:
         raise InputError(f"max_gap: {max_gap} s, must be > 0")
     estimate = _measured("estimate", shift(estimate, time_offset))
     reference = _measured("reference", reference)
@@ -91,7 +96,8 @@ def interpolate(trajectory: Trajectory, time_ns: npt.ArrayLike) -> Trajectory:
     Raises:
         InputError: If the trajectory's stamps go back, or a wanted stamp is outside of them.
     """
-    wanted = np.asarray(time_ns, dtype=np.int64)
+    require_type("interpolate", "trajectory", trajectory, Trajectory)
+    wanted = column_of_stamps("time_ns", time_ns)
     _require_order("trajectory", trajectory)
     if not wanted.size:
         return _take(trajectory, wanted)
@@ -132,8 +138,10 @@ def shift(trajectory: Trajectory, seconds: float) -> Trajectory:
     Raises:
         InputError: If the time is not finite.
     """
-    if not math.isfinite(seconds):
-        raise InputError(f"time_offset: {seconds} s, must be finite")
+    require_type("shift", "trajectory", trajectory, Trajectory)
+    require_numbers("shift", one={"time_offset": seconds})
+    if seconds is None or not abs(seconds) < _LATEST:
+        raise InputError(f"time_offset: {seconds} s, must be finite and within 292 years")
     return dataclasses.replace(trajectory, time_ns=trajectory.time_ns + round(seconds * 1e9))
 
 

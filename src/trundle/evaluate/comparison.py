@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from trundle.errors import InputError
+from trundle.errors import InputError, require_choice, require_positive
 from trundle.evaluate.alignment import align, align_origin, since_start, transform
 from trundle.evaluate.association import Stamps, associate, describe_spans, shift
 from trundle.evaluate.consistency import nees
@@ -86,8 +86,8 @@ def compare(
     *,
     max_gap: float = 1.0,
     time_offset: float = 0.0,
-    stamps: Stamps = Stamps.SPARSER,
-    alignment: Alignment = Alignment.BEST,
+    stamps: Stamps | str = Stamps.SPARSER,
+    alignment: Alignment | str = Alignment.BEST,
     rpe_distance: float = 1.0,
 ) -> Comparison:
     """Associate, align, and take every error that the two trajectories allow.
@@ -97,15 +97,18 @@ def compare(
         reference: What it is judged by. Headings may be NaN: errors that need them are None then.
         max_gap: Longest time between two samples that is interpolated over [s].
         time_offset: Added to the stamps of the estimate [s].
-        stamps: Whose stamps the two are compared at.
-        alignment: How the estimate is brought into the reference's frame.
+        stamps: Whose stamps the two are compared at: "sparser", "estimate", "reference".
+        alignment: How the estimate is brought into the reference's frame: "best", "origin", "none".
         rpe_distance: Path length over which relative errors are taken [m]; they are None where the
             reference's path is shorter.
 
     Raises:
         InputError: If fewer than three samples match; the message says both time spans.
+        ConfigError: If there is no such alignment, or a number is impossible.
         Unobservable: If the best alignment is wanted of something that stays at one point.
     """
+    alignment = require_choice("alignment", alignment, Alignment)
+    rpe_distance = require_positive("rpe_distance", rpe_distance)
     pair = associate(estimate, reference, max_gap=max_gap, time_offset=time_offset, stamps=stamps)
     shifted = shift(estimate, time_offset)
     matched, truth = pair

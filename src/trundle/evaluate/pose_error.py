@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 import numpy.typing as npt
 
-from trundle.errors import InputError
+from trundle.errors import InputError, shown
 from trundle.evaluate.alignment import require_matched
 from trundle.geometry import se2
 from trundle.records import Trajectory
@@ -118,8 +119,8 @@ def rpe(
 
 
 def _positive(name: str, value: float, unit: str) -> float:
-    if not 0.0 < value < np.inf:
-        raise InputError(f"{name}: {value} {unit}, must be > 0 and finite")
+    if not isinstance(value, Real) or not 0.0 < value < np.inf:
+        raise InputError(f"{name}: {shown(value)} {unit}, must be > 0 and finite")
     return value
 
 

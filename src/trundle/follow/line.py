@@ -6,7 +6,7 @@ import math
 
 import msgspec
 
-from trundle.errors import PathError
+from trundle.errors import PathError, require_numbers, row_of, shown
 from trundle.follow.curve import CurvePoint
 from trundle.geometry import Pose2D
 
@@ -28,6 +28,10 @@ class Line(msgspec.Struct, frozen=True):
     end: tuple[float, float]
 
     def __post_init__(self) -> None:
+        for point in (self.start, self.end):
+            if len(row_of(point) or ()) != 2:
+                raise PathError(f"{shown(point)}: a point must be (x, y)")
+            require_numbers("Line", row={"point": point})
         if not 0.0 < self.length < math.inf:
             raise PathError(f"a line from {self.start} to {self.end} has no length: two different points")
 

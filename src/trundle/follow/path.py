@@ -9,7 +9,7 @@ from itertools import groupby, pairwise
 
 import msgspec
 
-from trundle.errors import InputError, PathError
+from trundle.errors import InputError, PathError, row_of, shown
 from trundle.follow.curve import Curve
 from trundle.geometry import Pose2D, Twist2D, wrap
 
@@ -82,7 +82,9 @@ class Path:
     def __init__(
         self, curves: Iterable[Curve], *, backward: bool = False, facing: tuple[float, float] | None = None
     ) -> None:
-        listed = list(curves)
+        listed = row_of(curves)
+        if listed is None or not all(hasattr(curve, "nearest") for curve in listed):
+            raise PathError(f"curves: {shown(curves)}, must be a list of curves")
         if backward and facing is not None:
             raise PathError("a path that is `facing` somewhere is not `backward`: the headings say it all")
         if facing is not None and not all(map(math.isfinite, facing)):

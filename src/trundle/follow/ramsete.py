@@ -6,7 +6,7 @@ import math
 
 import msgspec
 
-from trundle.errors import ConfigError, require_positive
+from trundle.errors import ConfigError, require_finite, require_positive
 from trundle.follow.timed_path import Reference
 from trundle.geometry import Pose2D, Twist2D, wrap
 from trundle.geometry.angle import sinc
@@ -34,7 +34,7 @@ class Ramsete(msgspec.Struct, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         require_positive("b", self.b)
-        if not 0.0 < self.zeta < 1.0:
+        if not 0.0 < require_finite("zeta", self.zeta) < 1.0:
             raise ConfigError("zeta", f"{self.zeta!r}, must be between 0 and 1")
 
     def start(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from trundle.errors import require_numbers
+from trundle.errors import InputError, require_numbers, shown
 
 __all__ = ["excess", "sinc", "wrap"]
 
@@ -16,9 +16,9 @@ def wrap(angle: float) -> float:
     """
     try:
         wrapped = math.remainder(angle, math.tau)
-    except TypeError:
+    except (TypeError, ValueError, OverflowError):
         require_numbers("wrap", one={"angle": angle})
-        raise
+        raise InputError(f"wrap: angle {shown(angle)}, must be finite") from None
     return math.pi if wrapped == -math.pi else wrapped
 
 

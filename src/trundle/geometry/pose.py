@@ -9,10 +9,13 @@ import math
 
 import msgspec
 
-from trundle.errors import InputError
+from trundle.errors import InputError, shown
 from trundle.geometry.angle import sinc, wrap
 
 __all__ = ["Pose2D", "Twist2D"]
+
+# Values are made a thousand times a second, so nothing is asked until something went wrong.
+_UNUSABLE = (AttributeError, TypeError, ValueError, OverflowError)
 
 
 class Twist2D(msgspec.Struct, frozen=True, gc=False):
@@ -30,13 +33,19 @@ class Twist2D(msgspec.Struct, frozen=True, gc=False):
 
     def __mul__(self, factor: float) -> Twist2D:
         """The twist scaled, e.g. by a duration, which makes it a displacement."""
-        return Twist2D(self.vx * factor, self.vy * factor, self.omega * factor)
+        try:
+            return Twist2D(self.vx * factor, self.vy * factor, self.omega * factor)
+        except _UNUSABLE:
+            raise InputError(f"{self!r} * {shown(factor)}: must be a twist of numbers and a number") from None
 
     __rmul__ = __mul__
 
     def at(self, x: float, y: float) -> Twist2D:
         """Velocity of the body's point (x, y) [m], in the axes of the body."""
-        return Twist2D(self.vx - self.omega * y, self.vy + self.omega * x, self.omega)
+        try:
+            return Twist2D(self.vx - self.omega * y, self.vy + self.omega * x, self.omega)
+        except _UNUSABLE:
+            raise InputError(f"{self!r}.at({shown(x)}, {shown(y)}): must be numbers") from None
 
     @property
     def curvature(self) -> float:
@@ -44,10 +53,13 @@ class Twist2D(msgspec.Struct, frozen=True, gc=False):
 
         Curvature, not its radius: a straight line has none, instead of an infinite one.
         """
-        speed = math.hypot(self.vx, self.vy)
-        if speed:
-            return math.copysign(1.0, self.vx) * self.omega / speed
-        return math.copysign(math.inf, self.omega) if self.omega else math.nan
+        try:
+            speed = math.hypot(self.vx, self.vy)
+            if speed:
+                return math.copysign(1.0, self.vx) * self.omega / speed
+            return math.copysign(math.inf, self.omega) if self.omega else math.nan
+        except _UNUSABLE:
+            raise InputError(f"curvature of {self!r}: must be a twist of numbers") from None
 
 
 class Pose2D(msgspec.Struct, frozen=True, gc=False):
@@ -72,13 +84,18 @@ class Pose2D(msgspec.Struct, frozen=True, gc=False):
                 self.y + s * other.x + c * other.y,
                 self.theta + other.theta,
             )
-        except (AttributeError, TypeError):
-            raise InputError(f"{self!r} @ {other!r}: both must be poses of numbers") from None
+        except _UNUSABLE:
+            raise InputError(
+                f"{self!r} @ {shown(other)}: both must be poses of numbers, headings finite"
+            ) from None
 
     def inverse(self) -> Pose2D:
         """The pose that undoes this one: `pose @ pose.inverse()` is the identity."""
-        c, s = math.cos(self.theta), math.sin(self.theta)
-        return Pose2D(-c * self.x - s * self.y, s * self.x - c * self.y, -self.theta)
+        try:
+            c, s = math.cos(self.theta), math.sin(self.theta)
+            return Pose2D(-c * self.x - s * self.y, s * self.x - c * self.y, -self.theta)
+        except _UNUSABLE:
+            raise InputError(f"inverse of {self!r}: must be a pose of finite numbers") from None
 
     def wrapped(self) -> Pose2D:
         """The same pose with its heading in (-pi, pi]."""
@@ -92,10 +109,13 @@ class Pose2D(msgspec.Struct, frozen=True, gc=False):
             Sola, Deray, Atchuthan 2018, "A micro Lie theory", eq. 156 and 158. Their V(theta) is a
             rotation by theta/2 scaled by sinc(theta/2): the chord of the arc.
         """
-        half = 0.5 * twist.omega
-        chord = sinc(half)
-        c, s = chord * math.cos(half), chord * math.sin(half)
-        return Pose2D(c * twist.vx - s * twist.vy, s * twist.vx + c * twist.vy, twist.omega)
+        try:
+            half = 0.5 * twist.omega
+            chord = sinc(half)
+            c, s = chord * math.cos(half), chord * math.sin(half)
+            return Pose2D(c * twist.vx - s * twist.vy, s * twist.vx + c * twist.vy, twist.omega)
+        except _UNUSABLE:
+            raise InputError(f"exp of {shown(twist)}: must be a twist of finite numbers") from None
 
     def log(self) -> Twist2D:
         """The shortest twist that reaches this pose in one unit of time; inverse of `exp`.
@@ -105,12 +125,19 @@ class Pose2D(msgspec.Struct, frozen=True, gc=False):
         Source:
             Sola, Deray, Atchuthan 2018, "A micro Lie theory", eq. 157.
         """
-        theta = wrap(self.theta)
-        half = 0.5 * theta
-        along = half / math.tan(half) if half else 1.0
-        return Twist2D(along * self.x + half * self.y, along * self.y - half * self.x, theta)
+        try:
+            theta = wrap(self.theta)
+            half = 0.5 * theta
+            along = half / math.tan(half) if half else 1.0
+            return Twist2D(along * self.x + half * self.y, along * self.y - half * self.x, theta)
+        except _UNUSABLE:
+            raise InputError(f"log of {self!r}: must be a pose of finite numbers") from None
 
     def adjoint(self) -> tuple[tuple[float, float, float], ...]:
         """Matrix that takes a twist in this pose's frame to the frame that the pose is in."""
-        c, s = math.cos(self.theta), math.sin(self.theta)
-        return ((c, -s, self.y), (s, c, -self.x), (0.0, 0.0, 1.0))
+        try:
+            c, s = math.cos(self.theta), math.sin(self.theta)
+            left, right = -self.x, self.y
+        except _UNUSABLE:
+            raise InputError(f"adjoint of {self!r}: must be a pose of finite numbers") from None
+        return ((c, -s, right), (s, c, left), (0.0, 0.0, 1.0))

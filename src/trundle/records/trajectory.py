@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
+from numbers import Integral
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from trundle.errors import InputError, shown
 from trundle.geometry import Pose2D
-from trundle.records.columns import column, stamps
+from trundle.records.columns import column, counts, stamps
 
 __all__ = ["Trajectory"]
 
@@ -53,8 +54,8 @@ class Trajectory:
             put(self, "twists", column("twists", self.twists, (count, 3)))
         if self.covariances is not None:
             put(self, "covariances", column("covariances", self.covariances, (count, 3, 3)))
-        put(self, "rejected", MappingProxyType(dict(self.rejected)))
-        put(self, "events", MappingProxyType(dict(self.events)))
+        put(self, "rejected", counts("rejected", self.rejected))
+        put(self, "events", counts("events", self.events))
 
     def __repr__(self) -> str:
         parts = {
@@ -82,5 +83,11 @@ class Trajectory:
         return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
 
     def pose(self, index: int) -> Pose2D:
-        """One pose as a scalar value; negative indices count from the end."""
+        """One pose as a scalar value; negative indices count from the end.
+
+        Raises:
+            InputError: If there is no such pose.
+        """
+        if not isinstance(index, Integral) or not -len(self) <= index < len(self):
+            raise InputError(f"pose {shown(index)}: must be a whole number, and there are {len(self)} poses")
         return Pose2D(*self.poses[index].tolist())

@@ -5,14 +5,13 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from trundle.errors import InputError
-from trundle.records.columns import column, stamps
+from trundle.errors import InputError, require_choice, require_type
+from trundle.records.columns import column, counts, names, stamps
 from trundle.records.trajectory import Trajectory
 
 __all__ = ["Reading", "WheelLog"]
@@ -74,6 +73,11 @@ class WheelLog:
         put: Any = object.__setattr__
         put(self, "time_ns", stamps("time_ns", self.time_ns))
         count = len(self.time_ns)
+        put(self, "reading", require_choice("reading", self.reading, Reading))
+        for texts in ("wheel_names", "steering_names", "warnings", "losses"):
+            put(self, texts, names(texts, getattr(self, texts)))
+        if self.reference is not None:
+            require_type("WheelLog", "reference", self.reference, Trajectory)
         if self.wheels is None and self.twists is None:
             raise InputError("a WheelLog needs wheels, or twists")
         if self.wheels is not None:
@@ -87,7 +91,7 @@ class WheelLog:
             put(self, "yaw_rate", column("yaw_rate", self.yaw_rate, (count,)))
         if self.twists is not None:
             put(self, "twists", column("twists", self.twists, (count, 3)))
-        put(self, "rejected", MappingProxyType(dict(self.rejected)))
+        put(self, "rejected", counts("rejected", self.rejected))
 
     def __repr__(self) -> str:
         wheels = f"{self.reading.value} of {', '.join(self.wheel_names)}" if self.wheels is not None else ""

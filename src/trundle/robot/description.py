@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from numbers import Integral
 from typing import Any, Literal
 
 import msgspec
 
-from trundle.errors import ConfigError, InputError, require_finite, require_positive
+from trundle.errors import ConfigError, InputError, require_finite, require_positive, row_of, shown
 from trundle.robot.kinematics import Kinematics
 from trundle.robot.log_mapping import LogMapping
 
@@ -30,8 +31,8 @@ class Encoder(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
     def __post_init__(self) -> None:
         require_positive("ticks_per_revolution", self.ticks_per_revolution)
-        if self.bits is not None and not (isinstance(self.bits, int) and 2 <= self.bits <= 64):
-            raise ConfigError("bits", f"{self.bits!r}, must be a whole number from 2 to 64")
+        if self.bits is not None and not (isinstance(self.bits, Integral) and 2 <= self.bits <= 64):
+            raise ConfigError("bits", f"{shown(self.bits)}, must be a whole number from 2 to 64")
 
     @property
     def radians_per_tick(self) -> float:
@@ -72,8 +73,10 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     def __post_init__(self) -> None:
         for field in self.__struct_fields__:
             value = getattr(self, field)
-            never_fits = field == "command_timeout"
-            if value != "never" if never_fits else value is not None:
+            absent = (
+                isinstance(value, str) and value == "never" if field == "command_timeout" else value is None
+            )
+            if not absent:
                 require_positive(field, value)
         if self.min_speed is not None and self.max_speed is not None and self.min_speed > self.max_speed:
             raise ConfigError("min_speed", f"{self.min_speed:g}, must be <= max_speed ({self.max_speed:g})")
@@ -176,13 +179,22 @@ class Robot(msgspec.Struct, frozen=True, kw_only=True):
     calibration: CalibrationRecord | None = None
 
     def __post_init__(self) -> None:
+        for field, kind in (("limits", Limits), ("noise", Noise), ("log", LogMapping), ("encoders", Mapping)):
+            if not isinstance(getattr(self, field), kind):
+                word = "{wheel: Encoder(...)}" if kind is Mapping else f"a {kind.__name__}"
+                raise ConfigError(field, f"{shown(getattr(self, field))}, must be {word}")
+        for wheel, encoder in self.encoders.items():
+            if not isinstance(encoder, Encoder):
+                raise ConfigError(f"encoders.{wheel}", f"{shown(encoder)}, must be an Encoder")
+        if not isinstance(self.calibration, CalibrationRecord | None):
+            raise ConfigError("calibration", f"{shown(self.calibration)}, must be a CalibrationRecord")
         if self.calibration is not None and self.calibration.robot != self.name:
             problem = f"{self.calibration.robot!r}, but this robot is {self.name!r}: no other robot's numbers"
             raise ConfigError("calibration.robot", f"{problem} fit it; calibrate it, or remove the section")
         for field in ("drive", "localizer"):
             value = getattr(self, field)
             if not isinstance(value, Kinematics) and (field == "drive" or value is not None):
-                raise ConfigError(field, f"{value!r}, must be a drive, such as Differential(...)")
+                raise ConfigError(field, f"{shown(value)}, must be a drive, such as Differential(...)")
 
     def __repr__(self) -> str:
         measured = f", measured by {self.localizer!r}" if self.localizer is not None else ""
@@ -206,6 +218,8 @@ class Robot(msgspec.Struct, frozen=True, kw_only=True):
         Raises:
             InputError: If a wheel has none.
         """
+        if not all(isinstance(name, str) for name in row_of(names) or [None]):
+            raise InputError(f"encoders_of: names {shown(names)}, must be a list of wheels")
         missing = [name for name in names if name not in self.encoders]
         if missing:
             raise InputError(f"ticks need encoders: {{ticks_per_revolution: ...}} for {', '.join(missing)}")

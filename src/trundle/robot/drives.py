@@ -7,10 +7,11 @@ rotation is read) and `reference` (whose motion is reported); see `Kinematics`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from numbers import Integral
 from typing import Any
 
-from trundle.errors import ConfigError, did_you_mean, require_finite, require_positive
+from trundle.errors import ConfigError, did_you_mean, require_finite, require_positive, row_of, shown
 from trundle.robot.kinematics import Kinematics
 from trundle.robot.traced import nominal, trigonometry
 from trundle.robot.wheel import Wheel
@@ -34,6 +35,7 @@ Radius = float | Mapping[str, float]
 Measured = str | Sequence[str] | None
 Point = tuple[float, float]
 
+_MOST_WHEELS = 100
 _INCH = 0.0254  # m
 FOUR_WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 
@@ -383,9 +385,11 @@ class Omni(Kinematics):
     ) -> None:
         distance = require_positive("robot_radius", robot_radius)
         first = require_finite("first_wheel_angle", first_wheel_angle)
-        if not isinstance(wheel_count, int) or wheel_count < 3:
-            raise ConfigError("wheel_count", f"{wheel_count!r}, must be a whole number >= 3")
-        names = tuple(f"wheel_{k + 1}" for k in range(wheel_count))
+        if not isinstance(wheel_count, Integral) or not 3 <= wheel_count <= _MOST_WHEELS:
+            raise ConfigError(
+                "wheel_count", f"{shown(wheel_count)}, must be a whole number from 3 to {_MOST_WHEELS}"
+            )
+        names = tuple(f"wheel_{k + 1}" for k in range(int(wheel_count)))
         radius = _radii(wheel_radius, names)
         wheels = []
         for k, name in enumerate(names):
@@ -573,9 +577,9 @@ def _named_places(
 ) -> Mapping[str, Sequence[float]]:
     if isinstance(places, Mapping):
         return places
-    if isinstance(places, str) or not isinstance(places, Iterable):
-        raise ConfigError(field, f"{places!r}, must be a list of places")
-    listed = list(places)
+    listed = row_of(places)
+    if listed is None:
+        raise ConfigError(field, f"{shown(places)}, must be a list of places")
     names: Sequence[str] = [f"{word}_{k + 1}" for k in range(len(listed))]
     if word == "module" and len(listed) == 4:
         names = FOUR_WHEELS
@@ -584,6 +588,7 @@ def _named_places(
 
 def _numbers(field: str, name: str, place: Sequence[float], count: int) -> list[float]:
     path = f"{field}.{name}"
-    if isinstance(place, str) or not isinstance(place, Sequence) or len(place) != count:
-        raise ConfigError(path, f"{place!r}, must be {count} numbers")
-    return [require_finite(path, value) for value in place]
+    numbers = row_of(place)
+    if numbers is None or len(numbers) != count:
+        raise ConfigError(path, f"{shown(place)}, must be {count} numbers")
+    return [require_finite(path, value) for value in numbers]

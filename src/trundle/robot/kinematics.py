@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from math import atan2, hypot, pi, remainder, tau
 from typing import Any, NamedTuple, overload
 
@@ -17,6 +17,9 @@ from trundle.errors import (
     did_you_mean,
     require_finite,
     require_numbers,
+    require_type,
+    row_of,
+    shown,
 )
 from trundle.geometry import Twist2D
 from trundle.robot import observability
@@ -98,12 +101,13 @@ class Kinematics:
         reference: tuple[float, float] = (0.0, 0.0),
         skid_x: float | None = None,
     ) -> None:
-        if isinstance(reference, float | int) or len(reference) != 2:
-            raise ConfigError("reference", f"{reference!r}, must be (x, y)")
-        rx, ry = (require_finite("reference", part) for part in reference)
-        given = tuple(wheels) if isinstance(wheels, Iterable) else (wheels,)
-        if not all(isinstance(wheel, Wheel) for wheel in given):
-            raise ConfigError("wheels", f"{given!r}, must be a list of Wheel(name, x, y, radius)")
+        point = row_of(reference)
+        if point is None or len(point) != 2:
+            raise ConfigError("reference", f"{shown(reference)}, must be (x, y)")
+        rx, ry = (require_finite("reference", part) for part in point)
+        given: tuple[Wheel, ...] | None = row_of(wheels)
+        if given is None or not all(isinstance(wheel, Wheel) for wheel in given):
+            raise ConfigError("wheels", f"{shown(wheels)}, must be a list of Wheel(name, x, y, radius)")
         self.wheels = tuple(replace(wheel, x=wheel.x - rx, y=wheel.y - ry) for wheel in given)
         self.reference = (rx, ry)
         speaking = [wheel for wheel in self.wheels if wheel.kind is not WheelKind.CASTER]
@@ -165,9 +169,9 @@ class Kinematics:
     def _choose_measured(self, measured: str | Sequence[str] | None) -> tuple[tuple[str, ...], bool]:
         if measured is None:
             return self.wheel_names, False
-        if not isinstance(measured, Iterable):
-            raise ConfigError("measured", f"{measured!r}, must be a wheel's name, or a list of names")
-        chosen = (measured,) if isinstance(measured, str) else tuple(measured)
+        chosen = (measured,) if isinstance(measured, str) else row_of(measured)
+        if chosen is None or not all(isinstance(name, str) for name in chosen):
+            raise ConfigError("measured", f"{shown(measured)}, must be a wheel's name, or a list of names")
         for name in chosen:
             if name != "gyro" and name not in self.wheel_names:
                 raise ConfigError("measured", f"{name!r}, {did_you_mean(name, (*self.wheel_names, 'gyro'))}")
@@ -343,7 +347,11 @@ class Kinematics:
 
         Args:
             twist: Any body twist of the reference point.
+
+        Raises:
+            InputError: If it is no twist.
         """
+        require_type("project", "twist", twist, Twist2D)
         wanted = (twist.vx, twist.vy, twist.omega)
         null = self._null
         # In echelon form each column has a component that is 1 there and 0 in all others.
@@ -457,7 +465,7 @@ class Kinematics:
         try:
             angles = self._check_reading(speeds, steering)
             twist = self._solver(yaw_rate).solve(speeds, angles, yaw_rate, math)
-        except TypeError:
+        except (TypeError, KeyError):
             rows = {"speeds": speeds, "steering": steering}
             require_numbers("forward", one={"yaw_rate": yaw_rate}, row=rows)
             raise
@@ -528,8 +536,16 @@ class Kinematics:
         Raises:
             As `forward`.
         """
-        angles = self._check_reading(speeds, steering)
-        return tuple(self._solver(yaw_rate).residual(speeds, angles, yaw_rate, math, lateral_slip))
+        try:
+            angles = self._check_reading(speeds, steering)
+            left = tuple(self._solver(yaw_rate).residual(speeds, angles, yaw_rate, math, lateral_slip))
+        except (TypeError, KeyError):
+            numbers = {"yaw_rate": yaw_rate, "lateral_slip": lateral_slip}
+            require_numbers("residual", one=numbers, row={"speeds": speeds, "steering": steering})
+            raise
+        if not math.isfinite(sum(left)):
+            raise InputError(f"residual: speeds {shown(speeds)}, steering {shown(steering)}: must be finite")
+        return left
 
     @property
     def residual_names(self) -> tuple[str, ...]:
@@ -640,7 +656,11 @@ class Kinematics:
         Returns:
             Matrix 3 x measured [m/s per rad/s; rad/s per rad/s].
         """
-        columns = self.gains(steering).rolling
+        try:
+            columns = self.gains(steering).rolling
+        except (TypeError, KeyError):
+            require_numbers("jacobian", row={"steering": steering})
+            raise
         pairs = list(zip(columns, self._measured, strict=True))
         return tuple(tuple(column[i] * wheel.radius for column, wheel in pairs) for i in range(3))
 
@@ -649,12 +669,18 @@ class Kinematics:
 
         On a straight line it lies at infinity, to the side that a left turn would have it; at rest
         it is nowhere: (nan, nan).
+
+        Raises:
+            InputError: If it is no twist.
         """
-        if twist.omega:
-            return -twist.vy / twist.omega, twist.vx / twist.omega
-        if not (twist.vx or twist.vy):
-            return math.nan, math.nan
-        return (-math.inf * twist.vy if twist.vy else 0.0, math.inf * twist.vx if twist.vx else 0.0)
+        try:
+            if twist.omega:
+                return -twist.vy / twist.omega, twist.vx / twist.omega
+            if not (twist.vx or twist.vy):
+                return math.nan, math.nan
+            return (-math.inf * twist.vy if twist.vy else 0.0, math.inf * twist.vx if twist.vx else 0.0)
+        except (AttributeError, TypeError):
+            raise InputError(f"icr: {shown(twist)}, must be a Twist2D of numbers") from None
 
     # --- what comes in ----------------------------------------------------------------------
 
@@ -702,6 +728,10 @@ class Kinematics:
             raise ShapeError(
                 f"speeds: shape {tuple(speeds.shape)}, the last axis must be {count} {self.measured_names}"
             )
+        if steering is not None:
+            array_library("steering", steering)
+            if steering.ndim == 0:
+                raise ShapeError("steering: a single number, must be an array of shape (..., steered)")
         given = [] if steering is None else [steering[..., k] for k in range(steering.shape[-1])]
         if len(given) != len(self._steered):
             from array_api_compat import array_namespace

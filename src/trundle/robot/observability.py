@@ -13,6 +13,7 @@ from trundle.robot.traced import nominal
 __all__ = ["CONDITION_LIMIT", "check_constraints", "check_observable", "independent", "length_scale"]
 
 CONDITION_LIMIT = 1e6
+_FARTHEST = 1e6  # [m]: no robot
 _DEPENDENT = 1e-9
 
 Points = Sequence[tuple[float, float]]
@@ -22,8 +23,10 @@ def length_scale(points: Points) -> tuple[float, float, float]:
     """Centroid of the wheels and their RMS distance from it [m]; 1 m if they all stand there."""
     xs, ys = zip(*((nominal(x), nominal(y)) for x, y in points), strict=True)
     cx, cy = math.fsum(xs) / len(xs), math.fsum(ys) / len(ys)
-    mean_square = math.fsum((x - cx) ** 2 + (y - cy) ** 2 for x, y in zip(xs, ys, strict=True)) / len(xs)
-    return cx, cy, math.sqrt(mean_square) or 1.0
+    far = [math.hypot(x - cx, y - cy) for x, y in zip(xs, ys, strict=True)]
+    if max(far) > _FARTHEST:
+        raise ConfigError("wheels", f"stand {max(far):.3g} m from their middle, must be nearer")
+    return cx, cy, math.sqrt(math.fsum(d * d for d in far) / len(far)) or 1.0
 
 
 def independent(rows: Sequence[Row], points: Points) -> list[int]:

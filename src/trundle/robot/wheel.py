@@ -7,7 +7,7 @@ import math
 
 import msgspec
 
-from trundle.errors import ConfigError, did_you_mean, require_finite, require_positive
+from trundle.errors import ConfigError, require_choice, require_finite, require_positive, row_of, shown
 
 __all__ = ["Wheel", "WheelKind"]
 
@@ -56,11 +56,7 @@ class Wheel(msgspec.Struct, frozen=True):
 
     def __post_init__(self) -> None:
         put = msgspec.structs.force_setattr
-        if not isinstance(self.kind, WheelKind):
-            words = [kind.value for kind in WheelKind]
-            if self.kind not in words:
-                raise ConfigError("kind", f"{self.kind!r}, {did_you_mean(str(self.kind), words)}")
-            put(self, "kind", WheelKind(self.kind))
+        put(self, "kind", require_choice("kind", self.kind, WheelKind))
         put(self, "radius", require_positive("radius", self.radius))
         for field in ("x", "y", "heading"):
             put(self, field, require_finite(field, getattr(self, field)))
@@ -68,7 +64,12 @@ class Wheel(msgspec.Struct, frozen=True):
         if self.steering_range is not None:
             if self.kind is not WheelKind.STEERED:
                 raise ConfigError("steering_range", f"given for a {WheelKind(self.kind).value} wheel")
-            least, greatest = (require_finite("steering_range", end) for end in self.steering_range)
+            ends = row_of(self.steering_range)
+            if ends is None or len(ends) != 2:
+                raise ConfigError(
+                    "steering_range", f"{shown(self.steering_range)}, must be (least, greatest)"
+                )
+            least, greatest = (require_finite("steering_range", end) for end in ends)
             if not least < greatest:
                 raise ConfigError("steering_range", f"({least:g}, {greatest:g}), min must be < max")
             put(self, "steering_range", (least, greatest))

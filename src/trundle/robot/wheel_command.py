@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from trundle.errors import require_positive
+from trundle.errors import require_numbers, require_positive
 
 __all__ = ["WheelCommand"]
 
@@ -31,8 +31,14 @@ class WheelCommand(msgspec.Struct, frozen=True, gc=False):
         Raises:
             ConfigError: If it is not a finite number above zero.
         """
-        fastest = max(map(abs, self.speeds), default=0.0)
-        if not 0.0 < max_wheel_speed < fastest:
+        try:
+            fastest = max(map(abs, self.speeds), default=0.0)
+            faster = 0.0 < max_wheel_speed < fastest
+        except (TypeError, ValueError):
+            require_positive("max_wheel_speed", max_wheel_speed)
+            require_numbers("desaturated", row={"speeds": self.speeds})
+            raise
+        if not faster:
             require_positive("max_wheel_speed", max_wheel_speed)
             return self
         scale = max_wheel_speed / fastest

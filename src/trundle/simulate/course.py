@@ -9,7 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from trundle.errors import ConfigError, InputError, ShapeError, require_finite, require_positive
+from trundle.errors import (
+    ConfigError,
+    InputError,
+    ShapeError,
+    require_finite,
+    require_positive,
+    row_of,
+    shown,
+)
 
 __all__ = [
     "Course",
@@ -82,7 +90,10 @@ class Course:
         require_positive("blend", blend)
         pieces: list[Manoeuvre] = []
         for entry in manoeuvres:
-            pieces += [entry] if isinstance(entry, Manoeuvre) else entry
+            listed = [entry] if isinstance(entry, Manoeuvre) else row_of(entry)
+            if listed is None or not all(isinstance(one, Manoeuvre) for one in listed):
+                raise ConfigError("manoeuvres", f"{shown(entry)}, must be Manoeuvres or lists of them")
+            pieces += listed
         if not pieces:
             raise ConfigError("manoeuvres", "none given, a course needs at least one")
         starts = np.concatenate([[0.0], np.cumsum([piece.duration for piece in pieces])])
@@ -149,7 +160,9 @@ def arc(radius: float, angle: float, speed: float) -> Manoeuvre:
         speed: [m/s]; negative drives backwards.
     """
     length = abs(require_finite("angle", angle)) * require_positive("radius", radius)
-    duration = require_positive("length", length) / require_positive("speed", abs(speed))
+    duration = require_positive("length", length) / require_positive(
+        "speed", abs(require_finite("speed", speed))
+    )
     return hold(duration, vx=speed, omega=angle / duration)
 
 

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from trundle.errors import InputError, did_you_mean, require_finite, require_positive
+from trundle.errors import InputError, did_you_mean, require_finite, require_positive, require_type
 from trundle.geometry import Pose2D
 from trundle.records import Reading, Trajectory, WheelLog
 from trundle.robot import Kinematics, Noise, Robot
@@ -102,6 +102,7 @@ def simulate(
         ConfigError: If rate is not above zero.
     """
     described = robot if isinstance(robot, Robot) else Robot(drive=robot)
+    require_type("simulate", "course", course, Course)
     noise = described.noise if noise is None else noise
     drive, measuring = described.drive, described.measuring
     _check(measuring, slips, stamp_jitter, dropped)

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from numbers import Real
 
 import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from trundle.errors import ConfigError, InputError, ShapeError, require_finite, require_positive
+from trundle.errors import (
+    ConfigError,
+    InputError,
+    ShapeError,
+    require_finite,
+    require_numbers,
+    require_positive,
+    require_type,
+    shown,
+)
 from trundle.geometry import Pose2D, Twist2D
 from trundle.robot import Kinematics, Noise, Robot, WheelCommand
 from trundle.simulate.sensor_noise import (
@@ -152,13 +162,15 @@ class SimulatedRobot:
         )
 
     def _check(self, command: WheelCommand, dt: float) -> None:
-        if not (math.isfinite(dt) and dt > 0.0):
-            raise InputError(f"dt: {dt!r}, must be seconds > 0")
+        require_type("step", "command", command, WheelCommand)
+        if not (isinstance(dt, Real) and 0.0 < dt < math.inf):
+            raise InputError(f"dt: {shown(dt)}, must be seconds > 0")
         drive = self.robot.drive
         for field, values, names in (
             ("speeds", command.speeds, drive.wheel_names),
             ("steering", command.steering, drive.steered_names),
         ):
+            require_numbers("step", row={field: values})
             if len(values) != len(names):
                 raise ShapeError(f"{field}: {len(values)} values, must be {len(names)} {names}")
             if not math.isfinite(math.fsum(values)):
