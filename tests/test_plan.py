@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from trundle.apps.cli import main
-from trundle.apps.course_words import course_of
+from trundle.apps.course_words import COURSES, course_of
 from trundle.errors import InputError
 
 ROBOT = Path(__file__).resolve().parents[1] / "examples" / "calibrate" / "robot.yaml"
@@ -92,3 +92,10 @@ def test_courses_end_where_their_words_say(text, end):
 def test_a_course_needs_a_word():
     with pytest.raises(InputError, match="a course needs at least one of straight METRES"):
         course_of(" , ", speed=0.5, yaw_rate=1.0)
+
+
+def test_help_holds_every_word_of_a_course_with_lines_as_long_as_they_can_be(run):
+    code, said, _ = run("plan", "--help")
+    assert code == 0
+    assert f"Of {COURSES};" in " ".join(said.replace("│", " ").split())
+    assert "eight RADIUS;" in said  # no line ends in the middle of its own

@@ -28,7 +28,9 @@ CLOSED = 0.1  # corners are cut a little: how far a closed course may end from i
 
 
 def plan(
-    *courses: str,
+    *courses: Annotated[
+        str, Parameter(help=f"Of {COURSES}; in m, and in turns to the left, with commas between.")
+    ],
     robot: Path,
     reference: Kind = "poses",
     position_noise: str = "2 mm",
@@ -43,11 +45,9 @@ def plan(
     Every COURSE is one run, such as "straight 10, spin 5, spin -5".
 
     Args:
-        courses: Of straight METRES, slide FORWARD LEFT, spin TURNS, arc RADIUS TURNS, square SIDE, eight
-            RADIUS; lengths in m, turns to the left, with commas between them.
+        courses: In the words of `course_of`.
         robot: Its description; its noise section says how well its wheels roll.
-        reference: What will know where it went; with `tape`, a course is one `straight` or `spin`, or
-            it ends where it began.
+        reference: What will know where it went; of `tape`, each course is a `straight`, a `spin` or closed.
         position_noise: Standard deviation of the reference's positions.
         heading_noise: And of its headings.
         speed: [m/s].
