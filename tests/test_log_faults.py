@@ -234,6 +234,20 @@ def fault_archive_links(folder):
         refuses(folder / "run.tar", "unsafe_path", "is a link")
 
 
+def fault_nameless_member(folder):
+    """A member without a name, which the zip module itself does not expect."""
+    with zipfile.ZipFile(folder / "run.zip", "w") as archive:
+        archive.writestr(zipfile.ZipInfo("x"), "time\n")
+    path = folder / "run.zip"
+    content = bytearray(path.read_bytes())
+    entry = content.index(b"PK\x01\x02")
+    content[entry + 28 : entry + 30] = b"\0\0"  # the length of its name
+    content[entry + 30 : entry + 32] = b"\1\0"  # what was the name is an extra field
+    path.write_bytes(content)
+    with pytest.raises(LogError):
+        read_log(path, DRIVE)
+
+
 def fault_harmless_archives(folder):
     """Even a harmless archive is not unpacked: whose files they are is for a person to say."""
     with zipfile.ZipFile(folder / "run.zip", "w") as archive:
@@ -444,6 +458,7 @@ FAULTS = {
     "L19-members": fault_archive_members,
     "L19-links": fault_archive_links,
     "L19-harmless": fault_harmless_archives,
+    "L19-nameless": fault_nameless_member,
     "L19-metadata": fault_named_by_metadata,
     **{f"D3-{name}": changing(name) for name in CHANGES},
     "D3-mapped": fault_mapped_shrinks,

@@ -266,6 +266,15 @@ def survived(content, *words, rejected, table_format=None):
     return check
 
 
+def parquet_with_a_name_of_no_text(folder: Path) -> None:
+    pa, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    path = folder / "run.parquet"
+    parquet.write_table(pa.table({"qqqqq": [1.0], "b": [2.0]}), path, store_schema=False)
+    path.write_bytes(path.read_bytes().replace(b"qqqqq", b"\x92" * 5))
+    with pytest.raises(LogCorrupt, match="is not whole as a Parquet file"):
+        read(path, AB, None)
+
+
 def junk(cell: str):
     content = f"a,b\n1,2\n3,{cell}\n5,6\n".encode()
     return survived(content, "line 3", "'b'", rejected=1)
@@ -278,6 +287,7 @@ FAULTS = {
     "L1-folder": refused(FOLDER, "not_a_file"),
     "L1-pipe": refused(PIPE, "not_a_file"),
     "L1-missing": refused(NOTHING, "not_a_file", "no such file"),
+    "L7-parquet-name": parquet_with_a_name_of_no_text,
     "L7-text-as-parquet": refused(b"a,b\n1,2\n", "format", "Parquet", name="table.parquet"),
     "L7-text-as-mcap": refused(b"a,b\n1,2\n", "format", "MCAP", name="run.mcap"),
     "L7-unknown-bytes": refused(bytes(range(256)), "format", "known: text table, Parquet"),

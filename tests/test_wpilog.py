@@ -375,6 +375,15 @@ def everything(path: Path, *, salvage: bool) -> tuple[dict[str, list[int]], list
         return found, log.losses
 
 
+@pytest.mark.parametrize("content", [b"", None])
+def test_what_is_no_file_of_bytes(folder, content):
+    path = folder / f"{content}.wpilog"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(LogError, match="no such file" if content is None else "holds no bytes"):
+        open_wpilog(path)
+
+
 @pytest.mark.parametrize("row", [pytest.param("L2", id="L2")])
 def test_fault(folder, row):
     """Cut at any byte: refused, or every whole record before the cut and a word about the loss."""

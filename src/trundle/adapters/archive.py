@@ -44,7 +44,7 @@ def zip_names(path: Path) -> list[str]:
     except (zipfile.BadZipFile, ValueError, NotImplementedError) as error:
         raise LogCorrupt(path, "corrupt", f"is not whole as a zip archive: {error}") from error
     links = [member.filename for member in members if stat.S_ISLNK(member.external_attr >> 16)]
-    return _safe(path, [member.filename for member in members if not member.is_dir()], links)
+    return _safe(path, [name for member in members if not (name := member.filename).endswith("/")], links)
 
 
 def tar_names(path: Path) -> list[str]:

@@ -83,6 +83,6 @@ def _reading(path: Path) -> Iterator[None]:
 
     try:
         yield
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeError) as error:
         reason = str(error).split("\n", 1)[0]
         raise LogCorrupt(path, "corrupt", f"is not whole as a Parquet file: {reason}") from error

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
+from trundle.adapters.content import content_of
 from trundle.adapters.damage import Damage, require_mapped
 from trundle.adapters.topic_columns import Column, TopicColumns, TopicInfo, rows_of
 from trundle.adapters.wpilog_records import HEADER, MAGIC, VERSION, Start, control_of, walk
@@ -356,10 +357,11 @@ def open_wpilog(path: str | Path, *, salvage: bool = False) -> WpilogFile:
         salvage: Read what can be read of a damaged log; `losses` then says what could not.
 
     Raises:
-        LogError: If it is no WPILOG 1.
+        LogError: If there is no such file, it is empty, or no WPILOG 1.
         LogTruncated: If it ends too early, as where a robot loses its power.
         LogCorrupt: If its bytes contradict themselves.
     """
+    content_of(path)
     return WpilogFile(Path(path), salvage=salvage)
 
 
