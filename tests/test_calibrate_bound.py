@@ -102,8 +102,8 @@ def seen(truth: tr.Trajectory, chance: np.random.Generator, outliers: float) -> 
     moments = seconds[2::EVERY] - DELAY
     path = se2.compose(between(seconds, truth.poses, moments), np.array(MARKER))
     path = path + CAMERA * chance.standard_normal(path.shape)
-    wrong = chance.random(len(path)) < outliers
-    path[wrong] += chance.uniform(-1.0, 1.0, (int(wrong.sum()), 3))
+    wrong = chance.choice(len(path), round(outliers * len(path)), replace=False)
+    path[wrong] += chance.uniform(-1.0, 1.0, (len(wrong), 3))
     path[:, 2] = se2.wrap(path[:, 2])
     return tr.Trajectory(time_ns=truth.time_ns[2::EVERY], poses=path)
 
