@@ -2,15 +2,18 @@
 
 Every benchmark does one thing many times over and says so in `extra_info`: `what` is compared, by
 `whom`, how many `calls` a round makes. Times are the shortest round's, divided by its calls: on a
-busy machine that is what repeats.
+busy machine that is what repeats. What takes long takes turns (`in_turns`), with as many rounds for each,
+so that all of them meet the machine in the same moods.
 """
 
 from __future__ import annotations
 
 import platform
+import time
 
 import pytest
 
+TURNS = pytest.StashKey[dict]()
 UNREAD = "unread"  # the second protocol is for comparison; promises are for the first
 
 # At least so many times as fast as the one that stands behind it.
@@ -41,9 +44,26 @@ def compare(benchmark):
     return run
 
 
+@pytest.fixture
+def in_turns(request):
+    """CPU time, all threads together, of functions that take turns: `in_turns(what, detail, ways, calls)`."""
+
+    def run(what, detail, functions, calls, *, rounds):
+        times = {whom: [] for whom in functions}
+        for _ in range(1 + rounds):  # the first one warms up
+            for whom, function in functions.items():
+                start = time.process_time()
+                function()
+                times[whom].append(time.process_time() - start)
+        shortest = {whom: min(rounds[1:]) / calls * 1e9 for whom, rounds in times.items()}
+        request.config.stash.setdefault(TURNS, {})[(what, detail)] = shortest
+
+    return run
+
+
 def pytest_terminal_summary(terminalreporter, config):
     session = getattr(config, "_benchmarksession", None)
-    groups = {}
+    groups = config.stash.get(TURNS, {})
     for bench in getattr(session, "benchmarks", []):
         info = bench.extra_info
         if "what" in info:

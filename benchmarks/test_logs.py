@@ -2,12 +2,13 @@
 
 100,000 JointState messages of four wheels at 100 Hz, as MCAP with and without compression, with and without
 checksums (CRC), and as sqlite3 and ROS 1 bags. Both readers give times, names, positions and velocities.
+They take turns, with as many rounds each.
 """
 
 from __future__ import annotations
 
+import math
 import struct
-import time
 import zlib
 
 import numpy as np
@@ -21,8 +22,6 @@ from rosbags.typesys import Stores, get_typestore
 import trundle as tr
 from trundle.adapters.bag import open_bag
 from trundle.robot.log_mapping import LogMapping, WheelMapping
-
-pytestmark = pytest.mark.benchmark(timer=time.perf_counter)
 
 TOPIC = "/joint_states"
 NAMES = [
@@ -144,43 +143,29 @@ def recordings(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", RECORDINGS)
-def test_trundle_reads(name, recordings, compare):
-    path = recordings[name]
-    compare(f"JointState, {name}", "columns", "trundle", lambda: with_trundle(path), COUNT, rounds=20)
-
-
-@pytest.mark.parametrize("name", RECORDINGS)
-def test_rosbags_reads(name, recordings, compare):
+def test_columns(name, recordings, in_turns):
     path = recordings[name]
     ours, theirs = with_trundle(path), with_rosbags(path)
     assert all(np.array_equal(one, other) for one, other in zip(ours, theirs, strict=True))
-    compare(f"JointState, {name}", "columns", "rosbags", lambda: with_rosbags(path), COUNT, rounds=3)
+    readers = {"trundle": lambda: with_trundle(path), "rosbags": lambda: with_rosbags(path)}
+    in_turns(f"JointState, {name}", "columns", readers, COUNT, rounds=9)
 
 
 # ----------------------------------------------------------------------------- log to trajectory file
 
 
-@pytest.mark.parametrize("covariance", [False, True], ids=["poses", "covariance"])
-def test_trundle_from_log_to_file(covariance, recordings, compare, tmp_path):
-    path, output = recordings["MCAP"], tmp_path / "out.tum"
-
-    def tracked():
-        log = tr.read_log(path, ROBOT)
-        tr.write_trajectory(tr.integrate(ROBOT, log, covariance=covariance), output, force=True)
-
-    whom = "trundle, covariance too" if covariance else "trundle"
-    compare("log to trajectory file", "MCAP to TUM", whom, tracked, COUNT, rounds=8)
-    assert len(output.read_text().splitlines()) == COUNT
-
-
-def test_others_from_log_to_file(recordings, compare, tmp_path):
-    """As their manuals have it: message by message, pose by pose, and savetxt at the end."""
+def test_from_log_to_file(recordings, in_turns, tmp_path):
+    """Theirs as their manuals have it: message by message, pose by pose, and savetxt at the end."""
     kinematics = pytest.importorskip("wpimath.kinematics", reason="robotpy-wpimath is not installed here")
     rotation = pytest.importorskip("wpimath.geometry").Rotation2d
-    path, output = recordings["MCAP"], tmp_path / "out.tum"
+    path, output = recordings["MCAP"], {name: tmp_path / f"{name}.tum" for name in ("ours", "theirs")}
     radius, track = 0.042, 0.2
 
-    def tracked():
+    def with_trundle(*, covariance):
+        trajectory = tr.integrate(ROBOT, tr.read_log(path, ROBOT), covariance=covariance)
+        tr.write_trajectory(trajectory, output["ours"], force=True)
+
+    def with_others():
         odometry = kinematics.DifferentialDriveOdometry(rotation(0.0), 0.0, 0.0)
         rows, first = [], None
         with AnyReader([path]) as reader:
@@ -193,10 +178,15 @@ def test_others_from_log_to_file(recordings, compare, tmp_path):
                 left, right = left - first[0], right - first[1]
                 pose = odometry.update(rotation((right - left) / track), left, right)
                 half = 0.5 * pose.rotation().radians()
-                rows.append((stamp, pose.X(), pose.Y(), 0.0, 0.0, 0.0, np.sin(half), np.cos(half)))
-        np.savetxt(output, rows)
+                rows.append((stamp, pose.X(), pose.Y(), 0.0, 0.0, 0.0, math.sin(half), math.cos(half)))
+        np.savetxt(output["theirs"], rows)
 
-    compare("log to trajectory file", "MCAP to TUM", "rosbags, wpimath, savetxt", tracked, COUNT, rounds=3)
+    ways = {
+        "trundle": lambda: with_trundle(covariance=False),
+        "trundle, covariance too": lambda: with_trundle(covariance=True),
+        "rosbags, wpimath, savetxt": with_others,
+    }
+    in_turns("log to trajectory file", "MCAP to TUM", ways, COUNT, rounds=5)
+    assert len(output["ours"].read_text().splitlines()) == COUNT
     ours = tr.integrate(ROBOT, tr.read_log(path, ROBOT), integrator="arc").poses
-    theirs = np.loadtxt(output)
-    np.testing.assert_allclose(theirs[:, 1:3], ours[:, :2], atol=1e-6)
+    np.testing.assert_allclose(np.loadtxt(output["theirs"])[:, 1:3], ours[:, :2], atol=1e-6)

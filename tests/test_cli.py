@@ -585,6 +585,9 @@ STOPPED = """
 import signal, sys
 from trundle.adapters import tum
 
+# Shells start what runs in the background with this signal ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 def half(trajectory, path):
     path.write_text("0 0 0")
     # To this very thread: another one might take it at leisure, when the file is complete.

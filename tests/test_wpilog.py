@@ -475,7 +475,7 @@ def test_structure_that_lies(folder):
     with pytest.raises(LogError, match=r"WPILOG 2\.0, must be 1\.0"):
         open_wpilog(path)
     path.write_bytes(b"\x30" + HEADER)
-    with pytest.raises(LogError, match="does not begin as WPILOG does"):
+    with pytest.raises(LogError, match="its content is not WPILOG"):
         open_wpilog(path)
 
 
