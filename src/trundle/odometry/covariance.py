@@ -50,7 +50,8 @@ def matrix(six: Six) -> Matrix:
 def outer(column: Sequence[float], factor: float = 1.0) -> Six:
     """`factor * column column^T`."""
     x, y, t = column
-    return (factor * x * x, factor * x * y, factor * y * y, factor * x * t, factor * y * t, factor * t * t)
+    fx, fy = factor * x, factor * y
+    return (fx * x, fx * y, fy * y, fx * t, fy * t, factor * t * t)
 
 
 def weighted_sum(weights: Iterable[float], terms: Iterable[Six]) -> Six:

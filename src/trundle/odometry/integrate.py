@@ -38,7 +38,7 @@ Array = Any
 Floats = npt.NDArray[Any]
 Stamps = npt.NDArray[np.int64]
 
-BLOCK = 8192  # rows at a time: what their arrays take fits into the second- and third-level cache
+BLOCK = 12288  # rows at a time: what their arrays take fits into the second- and third-level cache
 NEIGHBOURS = 1 << 15  # rows before and behind that say whether a row is plain: far more than FROZEN_AFTER
 
 
@@ -616,7 +616,7 @@ def _blocks(robots: int, steps: int, span: int) -> Iterator[tuple[slice, list[sl
 
     Blocks of rows share their end points.
     """
-    size = max(1, 2 * BLOCK // max(min(steps, span), 1))
+    size = max(1, BLOCK // max(min(steps, span), 1))
     rows = [slice(row, min(row + span, steps - 1) + 1) for row in range(0, steps - 1, span)]
     for first in range(0, robots, size):
         yield slice(first, first + size), rows
@@ -633,7 +633,7 @@ def _in_blocks(
     """The walk by arrays; the state is passed on from block to block."""
     robots, steps, _ = positions.shape
     # The symmetric correction looks ahead, so its steps stay together.
-    span = max(steps, 1) if way is Integrator.SYMMETRIC else 2 * BLOCK
+    span = max(steps, 1) if way is Integrator.SYMMETRIC else BLOCK
     poses[:, :1] = 0.0
     for group, blocks in _blocks(robots, steps, span):
         start: Sequence[Any] = (0.0, 0.0, 0.0)
@@ -674,7 +674,7 @@ def _compiled(
         return
     robots, steps, _ = positions.shape
     body = np.zeros((robots, steps, 3))
-    for group, blocks in _blocks(robots, steps, 2 * BLOCK):
+    for group, blocks in _blocks(robots, steps, BLOCK):
         for rows in blocks:
             angles = None if steering is None else steering[group, rows]
             for k, part in enumerate(_steps(standard, drive, positions[group, rows], angles)):
@@ -686,7 +686,7 @@ def _compiled(
 def _last(six: Six) -> Six:
     if six is ZERO:
         return ZERO
-    xx, xy, yy, xt, yt, tt = (float(np.ravel(part)[-1]) for part in six)
+    xx, xy, yy, xt, yt, tt = (float(np.atleast_1d(part)[-1]) for part in six)
     return (xx, xy, yy, xt, yt, tt)
 
 
