@@ -531,7 +531,8 @@ def integrate_batch(
         InputError: If something is no array; or `out` is given and not of floats, or not beside NumPy's.
         Unobservable: If at some steering angles the motion cannot be observed.
     """
-    drive = robot.measuring if isinstance(robot, Robot) else robot
+    described = robot if isinstance(robot, Robot) else Robot(drive=robot)
+    drive = described.measuring
     given = {"positions": positions, "time_ns": time_ns, "steering": steering}
     xp, *_ = [array_library(name, array) for name, array in given.items() if array is not None]
     way = Integrator.named(integrator)

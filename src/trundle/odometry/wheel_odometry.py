@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from trundle.errors import InputError, ShapeError, Unobservable, require_numbers, require_positive
+from trundle.errors import InputError, ShapeError, Unobservable, require_numbers, require_positive, shown
 from trundle.geometry import Pose2D, Twist2D
 from trundle.odometry.covariance import (
     ZERO,
@@ -263,7 +263,7 @@ class WheelOdometry:
         self._step_seconds = math.inf
         self._more = self.errors is not None and (self.errors.drifts > 0 or self.errors.ticks)
         self._lost = False
-        self.reset(pose or Pose2D())
+        self.reset(Pose2D() if pose is None else pose)
 
     @property
     def slipping(self) -> tuple[str, ...]:
@@ -302,8 +302,10 @@ class WheelOdometry:
             covariance: Upper triangle of how well that is known.
 
         Raises:
-            InputError: If a number is not finite.
+            InputError: If a number is not finite, or this is no pose.
         """
+        if not isinstance(pose, Pose2D):
+            raise InputError(f"reset: pose {shown(pose)}, must be a Pose2D(x, y, theta)")
         if not all(map(isfinite, (pose.x, pose.y, pose.theta, *covariance))):
             raise InputError(f"reset({pose}): every number must be finite")
         self._far_x, self._far_y, self._toward = pose.x, pose.y, remainder(pose.theta, tau)
