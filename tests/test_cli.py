@@ -113,6 +113,19 @@ def test_track_turns_the_uncertainty_into_the_frame(run, tmp_path, robot):
     assert f"x ±{across * 1e2:.3g} cm, y ±{along * 1e3:.2f} mm" in out
 
 
+@pytest.mark.parametrize(("measured", "told"), [("", True), (", measured: [left, right, gyro]", False)])
+def test_track_says_that_a_gyro_is_idle(run, tmp_path, measured, told):
+    (tmp_path / "robot.yaml").write_text(f"name: cart\n{DIFFERENTIAL.rstrip().rstrip('}')}{measured}}}\n")
+    (tmp_path / "run.csv").write_text(
+        "time,left.position,right.position,gyro.yaw_rate\n0,0,0,0\n0.1,0.1,0.1,0\n"
+    )
+    code, out, _ = run(
+        "track", tmp_path / "run.csv", "--robot", tmp_path / "robot.yaml", "-o", tmp_path / "run.tum"
+    )
+    assert code == 0
+    assert ("drive.measured: [left, right, gyro] counts it in" in out) is told
+
+
 def test_track_counts_what_it_refuses(run, tmp_path, robot):
     log = straight(tmp_path / "run.csv", _3="0.3,nan,3", _5="0.4,4,4", _7="0.7,x,7")
     code, out, err = run("track", log, "--robot", robot, "-o", tmp_path / "run.tum")

@@ -98,9 +98,10 @@ def track(
             progress.step(f"drawing {plot.name}")
             _draw(trajectory, wheels, truth, described, plot)
 
-    travelled = Travelled(warnings=(*wheels.warnings, *why, *gaps, *remarks), losses=wheels.losses)
-    for _ in travelled.travel([trajectory]):
+    travelled = Travelled()
+    for _ in (*travelled.read([wheels]), *travelled.travel([trajectory])):
         pass
+    travelled.warnings += (*why, *gaps, *remarks)
     return _tell(log, described, travelled, comparison, output, plot)
 
 
@@ -143,7 +144,7 @@ def _tell(
     for warning in travelled.warnings:
         print(f"trundle: warning: {warning}", file=sys.stderr)
     print(f"{robot.name}: {log}")
-    print(*labelled(_summary(travelled, comparison, output, plot)), sep="\n")
+    print(*labelled(_summary(travelled, robot, comparison, output, plot)), sep="\n")
     refused = travelled.rejected.total()
     partial = travelled.losses or refused > MOST * (refused + travelled.accepted)
     return ExitCode.PARTIAL if partial else ExitCode.FINE
@@ -190,7 +191,7 @@ def _draw(
 
 
 def _summary(
-    travelled: Travelled, comparison: Comparison | None, output: Path, plot: Path | None
+    travelled: Travelled, robot: Robot, comparison: Comparison | None, output: Path, plot: Path | None
 ) -> list[tuple[str, str]]:
     accepted, refused = travelled.accepted, travelled.rejected.total()
     duration, trajectory = travelled.duration, travelled.end
@@ -204,6 +205,7 @@ def _summary(
         ("samples", f"{accepted}{of} accepted, {seconds(duration)}{rate}"),
         ("rejected", counted(travelled.rejected)),
         ("events", counted(travelled.events)),
+        ("gyro", _idle_gyro(robot) if travelled.gyro else ""),
         ("distance", length(travelled.distance)),
         ("end", f"x {x:.3f} m, y {y:.3f} m, heading {heading} deg"),
         ("1 sigma", _uncertainty(trajectory)),
@@ -211,6 +213,16 @@ def _summary(
         ("trajectory", str(output)),
         ("picture", str(plot) if plot else ""),
     ]
+
+
+def _idle_gyro(robot: Robot) -> str:
+    """What it takes for a log's yaw rates to count; empty where they do."""
+    drive = robot.measuring
+    if drive.gyro:
+        return ""
+    section = "drive" if robot.localizer is None else "localizer"
+    measured = ", ".join((*drive.measured_names, "gyro"))
+    return f"in the log, not in the pose: {section}.measured: [{measured}] counts it in"
 
 
 def _uncertainty(trajectory: Trajectory) -> str:

@@ -28,6 +28,7 @@ class Travelled:
         events: What happened on the way, by name.
         warnings: What the reader noticed.
         losses: Those that say which part of the log is missing.
+        gyro: Whether the log holds yaw rates.
     """
 
     accepted: int = 0
@@ -38,6 +39,7 @@ class Travelled:
     events: Counter[str] = field(default_factory=Counter)
     warnings: tuple[str, ...] = ()
     losses: tuple[str, ...] = ()
+    gyro: bool = False
 
     @property
     def duration(self) -> float:
@@ -49,6 +51,7 @@ class Travelled:
         for log in pieces:
             self.warnings += log.warnings
             self.losses += log.losses
+            self.gyro |= log.yaw_rate is not None
             yield log
 
     def travel(self, pieces: Iterable[Trajectory]) -> Iterator[Trajectory]:
