@@ -5,7 +5,7 @@
 #   make check    ruff and mypy alone
 #   make format   put the source into ruff's form
 #   make bench    side-by-side speed figures
-#   make verify   the issues' full figures, into docs/verification.md
+#   make verify   the issues' full figures, into docs/verification/
 #   make clean    remove what the others left
 
 .DEFAULT_GOAL := test
@@ -18,7 +18,6 @@ PYTHON ?= $(firstword $(foreach name,python3.11 python3 python,$(shell \
 	$(name) -c "import sys, venv; sys.exit(sys.version_info < (3, 11))" 2>/dev/null && echo $(name))))
 PIP_INSTALL = -m pip install -qq --no-compile --disable-pip-version-check
 PYTEST = -m pytest
-REPORT ?= docs/verification.md
 
 # ---------------------------------------------------------------- environments
 # The stamp `ready` is younger than everything that decides what is installed, so a second call costs nothing.
@@ -104,18 +103,25 @@ bench: .venv/ready .envs/donkeycar/ready
 	.venv/bin/python $(PYTEST) benchmarks
 	.envs/donkeycar/bin/python $(PYTEST) benchmarks
 
-# Full figures print what they measure; the report keeps that, the verdicts, and the commit.
+# Full figures print what they measure. A page per test file keeps that, the verdicts, and the commit, so that what
+# a change touches can be made again without the hours of all: make verify-test_slip
+VERIFIED = $(basename $(notdir $(shell grep -l 'mark\.verify' tests/*.py $(ROS2:%=tests/%/*.py))))
+
 .PHONY: verify
-verify: .venv/ready $(ROS2:%=.envs/%/ready)
-	@{ echo '# Verification'; echo; \
-	   echo "Made by \`make verify\` at commit $$(git rev-parse --short HEAD)$$(git diff --quiet HEAD -- . ':!$(REPORT)' || echo ', with changes that are not in it')."; \
-	   echo; echo '```text'; } > $(REPORT)
-	.venv/bin/python $(PYTEST) --quiet --no-header -m verify -rA --durations=0 --ignore=tests/ros2 >> $(REPORT); \
-		status=$$?; \
-	for name in $(ROS2); do \
-		.envs/$$name/bin/python $(PYTEST) --quiet --no-header -m verify -rA --durations=0 tests/$$name >> $(REPORT) || status=1; \
-	done; \
-		echo '```' >> $(REPORT); tail -n 2 $(REPORT); exit $$status
+verify:
+	@$(MAKE) --keep-going $(VERIFIED:%=verify-%)
+
+verify-%: $(ENVIRONMENTS)
+	@mkdir -p docs/verification
+	@page=docs/verification/$*.md; \
+	changed=$$(git diff --quiet HEAD -- . ':!docs' || echo ', with changes that are not in it'); \
+	printf '# %s\n\nMade by `make %s` at commit %s.\n\n```text\n' \
+		$* $@ "$$(git rev-parse --short HEAD)$$changed" > $$page; \
+	$(PYTHON_OF) $(PYTEST) --quiet --no-header -m verify -rA --durations=0 $(FILE_OF) >> $$page; status=$$?; \
+	echo '```' >> $$page; tail -n 2 $$page; exit $$status
+
+FILE_OF = $(wildcard tests/$*.py tests/*/$*.py)
+PYTHON_OF = $(if $(wildcard tests/ros2/$*.py),.envs/ros2,.venv)/bin/python
 
 .PHONY: clean
 clean:
