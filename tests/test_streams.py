@@ -399,7 +399,7 @@ def test_what_was_not_seen_is_covered(name: str, event: str) -> None:
 
 REFUSED = set(
     "nonfinite shape range no_gyro too_soon out_of_order duplicate duplicate_conflict implausible jump "
-    "ambiguous_wrap".split()
+    "ambiguous_wrap time_range".split()
 )
 HAPPENED = set("gap clock_reset encoder_restart rebaseline increments_lost gyro_dropout".split())
 
@@ -423,6 +423,7 @@ def test_every_reason_can_be_reached() -> None:
     counting = WheelOdometry(robot)
     counting.update(0.0, ticks=[0, 0])
     refused.add(counting.update(0.1, ticks=[128, 0]).reason)
+    refused.add(counting.update(1e10, ticks=[1, 0]).reason)
     steps = WheelOdometry(robot)
     steps.update(0.0, increments=[0.0, 0.0])
     steps.update(0.1, increments=[math.nan, 0.0])

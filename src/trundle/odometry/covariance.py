@@ -20,10 +20,12 @@ from typing import Any
 from trundle.geometry.angle import excess, sinc
 
 __all__ = [
+    "ANY_HEADING",
     "ZERO",
     "Matrix",
     "Six",
     "in_odom_frame",
+    "is_covariance",
     "mapped",
     "matrix",
     "mean_offset",
@@ -31,12 +33,16 @@ __all__ = [
     "propagate",
     "rotated",
     "weighted_sum",
+    "within_circle",
 ]
 
 Six = tuple[float, float, float, float, float, float]
 """Upper triangle of a symmetric 3 x 3 matrix: xx, xy, yy, x-theta, y-theta, theta-theta."""
 
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+
+ANY_HEADING = math.pi**2 / 3.0
+"""Variance of a heading of which nothing is known [rad^2]: more than a circle does not hold."""
 
 ZERO: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -45,6 +51,22 @@ def matrix(six: Six) -> Matrix:
     """The full symmetric matrix."""
     xx, xy, yy, xt, yt, tt = six
     return ((xx, xy, xt), (xy, yy, yt), (xt, yt, tt))
+
+
+def is_covariance(six: Sequence[float]) -> bool:
+    """Whether six numbers are the upper triangle of a positive semi-definite matrix."""
+    if len(six) != 6:
+        return False
+    xx, xy, yy, xt, yt, tt = six
+    minors = (xx * yy - xy * xy, xx * tt - xt * xt, yy * tt - yt * yt)
+    sizes = (xx * yy, xx * tt, yy * tt)
+    whole = xx * (yy * tt - yt * yt) - xy * (xy * tt - yt * xt) + xt * (xy * yt - yy * xt)
+    rounding = 1e-9
+    return (
+        min(xx, yy, tt) >= 0.0
+        and all(minor >= -rounding * size for minor, size in zip(minors, sizes, strict=True))
+        and whole >= -rounding * xx * yy * tt
+    )
 
 
 def outer(column: Sequence[float], factor: float = 1.0) -> Six:
@@ -67,6 +89,19 @@ def weighted_sum(weights: Iterable[float], terms: Iterable[Six]) -> Six:
     return (xx, xy, yy, xt, yt, tt)
 
 
+def within_circle(six: Six, known: float) -> Six:
+    """What a covariance adds to one whose heading has the variance `known`: no more than a circle holds.
+
+    Beyond it the terms of fourth order, which are a series in that variance, would feed on each other.
+    """
+    xx, xy, yy, xt, yt, tt = six
+    room = max(ANY_HEADING - known, 0.0)
+    if tt <= room:
+        return six
+    share = math.sqrt(room / tt)
+    return (xx, xy, yy, share * xt, share * yt, room)
+
+
 def propagate(
     before: Six, step: Sequence[float], noise: Six, *, chord: bool = True, lead: float = 0.5
 ) -> Six:
@@ -79,6 +114,8 @@ def propagate(
         chord: Whether the step was walked as an arc; else as a straight line.
         lead: Along which heading: 0 the old one, 0.5 the mean.
     """
+    if before[5] + noise[5] > ANY_HEADING:
+        noise = within_circle(noise, before[5])
     dx, dy, angle = step
     half = 0.5 * angle
     sine, cosine = math.sin(half), math.cos(half)

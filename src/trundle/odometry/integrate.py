@@ -135,6 +135,8 @@ def _odometry(
         described = described.with_localizer(_twist_sensor())
     single = Integrator.ARC if way is Integrator.SYMMETRIC else way
     odometry = WheelOdometry(described, integrator=single, covariance=covariance, **options)
+    if log.wheels is None:
+        odometry.standstill = None  # what turns in a published twist is no gyro, and has no bias
     if log.reading is Reading.TICKS and log.wheels is not None:
         odometry.encoders = described.encoders_of(odometry.drive.measured_names)
     return odometry
@@ -223,7 +225,10 @@ class _Rows:
         rows, seconds = slice(1, count), elapsed * 1e-9
         with np.errstate(invalid="ignore", over="ignore"):
             turned = [self.turned(k, rows, odometry) for k in range(len(self.wheels))]
-            for way, (rate, slack) in zip(turned, odometry.plausible.bounds, strict=True):
+            judged: Sequence[Floats] = turned
+            if self.reading is Reading.VELOCITY:
+                judged = [column[1:] * seconds for column in self.wheels]
+            for way, (rate, slack) in zip(judged, odometry.plausible.bounds, strict=True):
                 good[1:] &= np.abs(way) <= rate * seconds + slack
             if self.reading is Reading.TICKS:
                 for k, encoder in enumerate(odometry.encoders):
@@ -257,6 +262,9 @@ class _Rows:
         for column in (*self.wheels, *(() if self.yaw_rate is None else (self.yaw_rate,))):
             if column.dtype.kind == "f":
                 sound &= np.isfinite(column)
+        if self.yaw_rate is not None:
+            with np.errstate(invalid="ignore"):
+                sound &= np.abs(self.yaw_rate) <= odometry.plausible.yaw_rate
         for bounds, column in zip(odometry.drive.steering_bounds, self.steering, strict=True):
             with np.errstate(invalid="ignore"):
                 sound &= bounds.hold(column, np)
@@ -364,10 +372,10 @@ class _Fold:
             twist = [part / seconds for part in raw]
         for k, column in enumerate(twist):
             self.twists[out, k] = column
-        upper, quantum, drifts, surprise = ZERO, ZERO, memory.drifts, ZERO
+        upper, quantum, drifts, surprise, settled = ZERO, ZERO, memory.drifts, ZERO, False
         if odometry.errors is not None:
             readings = (turned, middle, raw, seconds, turn)
-            upper, quantum, drifts, surprise = self._uncertainty(
+            upper, quantum, drifts, surprise, settled = self._uncertainty(
                 out, odometry.errors, memory, readings, step, pose
             )
         last = rows.stop - 1
@@ -388,6 +396,8 @@ class _Fold:
                 quantum=quantum,
                 drifts=drifts,
                 surprise=surprise,
+                settled=settled,
+                past=_latest(memory, (*raw, seconds)),
             ),
         )
         return len(seconds)
@@ -443,12 +453,13 @@ class _Fold:
         readings: Sequence[Any],
         step: Sequence[Floats],
         pose: Sequence[Floats],
-    ) -> tuple[Six, Six, Sequence[Drift], Six]:
+    ) -> tuple[Six, Six, Sequence[Drift], Six, bool]:
         """Covariances of a block; returned is what the next step needs of them."""
         turned, middle, raw, seconds, turn = readings
         gains = errors.gains(middle, turn is not None, np)
         noise = errors.noise(gains, turned, raw, seconds, turn is not None, np)
-        noise, owed = self._surprises(noise, memory, raw, seconds)
+        gyro = None if turn is None else gains[0].gyro[0]
+        noise, owed, settled = self._surprises(noise, memory, (*raw, seconds), gyro)
         changes = errors.drift(gains, turned, raw, turn) if memory.drifts else ()
         found = path.covariances(
             standard, step, noise, pose, memory.upper, memory.pose, changes, memory.drifts
@@ -457,30 +468,37 @@ class _Fold:
         for (i, j), column, tick, glitch in zip(_UPPER, found.upper, gains[2], owed, strict=True):
             self.covariances[out, i, j] = self.covariances[out, j, i] = column + (tick + glitch)
         drifts = [(float(x), float(y), float(t)) for x, y, t in found.drifts]
-        return _last(found.independent), _last(gains[2]), drifts, _last(owed)
+        last = _last(owed)
+        return _last(found.independent), _last(gains[2]), drifts, last if any(last) else ZERO, settled
 
     def _surprises(
-        self, noise: Six, memory: Memory, step: Sequence[Floats], seconds: Floats
-    ) -> tuple[Six, Six]:
-        """The noise with what glitches add to it; and what the pose owes them, if there are any (S13)."""
+        self, noise: Six, memory: Memory, step: Sequence[Floats], gyro: Sequence[Any] | None
+    ) -> tuple[Six, Six, bool]:
+        """The noise with what glitches add to it; what the pose owes them, if there are any (S13).
+
+        And whether the last of them is settled. `WheelOdometry._doubted` for a run of steps.
+        """
         surprise = self.odometry.surprise
         assert surprise is not None
-        first = [part[0] for part in (*step, seconds)]
-        if memory.before is not None:
-            first = [*memory.before, memory.before_ns * 1e-9]
-        *before, earlier = (
-            np.concatenate([[one], part[:-1]]) for one, part in zip(first, (*step, seconds), strict=True)
-        )
-        off, strange = surprise.of(step, before, seconds, earlier)
+        before = [_shifted(one, part) for one, part in zip(memory.past[0], step, strict=True)]
+        off, strange = surprise.of(step[:3], before[:3], step[3], before[3])
         if memory.surprise is ZERO and not strange.any():
-            return noise, ZERO
-        off = [part * strange for part in off]
+            return noise, ZERO, False
+        off = [np.where(strange, part, 0.0) for part in off]
         if self.rows.reading in (Reading.INCREMENT, Reading.VELOCITY):
-            return weighted_sum((1.0, 1.0), (noise, outer(off))), ZERO
-        owed = surprise.on_pose(off, step)
+            return weighted_sum((1.0, 1.0), (noise, outer(off))), ZERO, False
+        if gyro is not None:
+            lasting, off = surprise.by_gyro(off, gyro)
+            noise = weighted_sum((1.0, 1.0), (noise, outer(lasting)))
+        owed = surprise.on_pose(off, step[:3])
+        past = _earlier(memory, step)
+        taken_back = surprise.taken_back(step, past)
+        settled = taken_back | surprise.resumed(step, past)
+        then: Any = [_shifted(one, part) for one, part in zip(memory.surprise, owed, strict=True)]
+        stays: Any = ~(taken_back | _shifted(memory.settled, settled))
+        noise = weighted_sum((1.0, stays), (noise, then))
         turned: Any = owed[5]
-        doubt = turned + np.concatenate([[memory.surprise[5]], turned[:-1]])
-        return surprise.detour(noise, doubt, step), owed
+        return surprise.detour(noise, turned + then[5], step[:3]), owed, bool(settled[-1])
 
     def trajectory(self, lost: Mapping[str, int]) -> Trajectory:
         """What came of the last run; `lost` are rows that never reached us."""
@@ -519,7 +537,7 @@ def integrate_batch(
         robot: A Robot, or a drive: that of all of them.
         positions: Cumulative wheel angles [rad], shape (..., steps, measured).
         time_ns: Stamps [ns], shape (steps,); without them all steps take equally long.
-        steering: Angles at the stamps [rad], shape (..., steps, steered).
+        steering: Angles at the stamps [rad], shape (..., steps, steered); or (steps, steered), alike for all.
         integrator: As for `WheelOdometry`; "symmetric" as well.
         out: NumPy only: array of shape (..., steps, 3) to write to.
 
@@ -541,6 +559,10 @@ def integrate_batch(
         raise ShapeError(f"positions: shape {tuple(positions.shape)}, must be (..., steps, measured)")
     if time_ns is not None and time_ns.shape != positions.shape[-2:-1]:
         raise ShapeError(f"time_ns: shape {tuple(time_ns.shape)}, must be ({positions.shape[-2]},)")
+    if steering is not None and not _leads(steering.shape[:-1], positions.shape[:-1]):
+        leading = ", ".join(map(str, positions.shape[:-1]))
+        problem = f"must be ({leading}, angles), or ({positions.shape[-2]}, angles) for all alike"
+        raise ShapeError(f"steering: shape {tuple(steering.shape)}, {problem}")
     if is_numpy_array(positions):
         return _on_numpy(drive, positions, time_ns, steering, way, out)
     if out is not None:
@@ -549,6 +571,11 @@ def integrate_batch(
     start = xp.zeros_like(x[..., :1])
     columns = [xp.concat([start, part], axis=-1) for part in (x, y, theta)]
     return xp.stack(columns, axis=-1)
+
+
+def _leads(shape: Sequence[int], wanted: Sequence[int]) -> bool:
+    """Whether angles (shape without the last axis) belong to these rows: to all, or to the steps alone."""
+    return tuple(shape) in (tuple(wanted), tuple(wanted[-1:]))
 
 
 def _walk(
@@ -598,9 +625,13 @@ def _on_numpy(
         raise InputError("integrate_batch: out= must be a NumPy array of floats")
     elif out.shape != shape:
         raise ShapeError(f"out: shape {out.shape}, must be {shape}")
+    if np.may_share_memory(out, positions):  # which are read after poses are written
+        positions = positions.copy()
     steps, robots = shape[-2], math.prod(shape[:-2])
     if not out.size:
         return out
+    if steering is not None:
+        steering = np.broadcast_to(steering, (*positions.shape[:-1], steering.shape[-1]))
     flat, poses = positions.reshape(robots, steps, -1), out.reshape(robots, steps, 3)
     angles = None if steering is None else steering.reshape(robots, steps, -1)
     if _may_be_compiled(flat, poses, way):
@@ -682,6 +713,26 @@ def _compiled(
                 column = body[group, rows, k]
                 column[:, 1:] = column[:, :1] + np.cumsum(part, axis=-1)
     compiled.walk(np.eye(3).tolist(), body, time_ns, way, poses)
+
+
+def _earlier(memory: Memory, step: Sequence[Floats]) -> list[Sequence[Floats]]:
+    """For each step the one before it, the one before that, and before that; NaN where there was none."""
+    found = [step]
+    for first in memory.past:
+        found.append([_shifted(one, part) for one, part in zip(first, found[-1], strict=True)])
+    return found[1:]
+
+
+def _latest(memory: Memory, step: Sequence[Floats]) -> Sequence[Sequence[float]]:
+    """The last three steps of all."""
+    count = min(len(step[0]), len(memory.past))
+    return [*([float(part[-k]) for part in step] for k in range(1, count + 1)), *memory.past][
+        : len(memory.past)
+    ]
+
+
+def _shifted(first: Any, column: Any) -> Floats:
+    return np.concatenate([[first], column[:-1]])
 
 
 def _last(six: Six) -> Six:

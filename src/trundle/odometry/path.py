@@ -14,7 +14,7 @@ import numpy as np
 from array_api_compat import is_numpy_array
 
 from trundle.geometry import se2
-from trundle.odometry.covariance import Six, rotated
+from trundle.odometry.covariance import ANY_HEADING, Six, rotated
 from trundle.odometry.integrator import Integrator, commutator_factor
 
 __all__ = ["Uncertainty", "corrected", "covariances", "poses"]
@@ -139,6 +139,8 @@ def covariances(
         changes: Per error of the description, what one sigma of it changes in each step's displacement.
         drifts: What each of them has done before the first step, seen from the odom frame.
     """
+    if before[5] + xp.sum(noise[5]) > ANY_HEADING:
+        noise = _within_circle(xp, noise, before[5])
     x0, y0, heading0 = origin
     place = (pose[0] - x0, pose[1] - y0)
     half = 0.5 * step[2]
@@ -155,6 +157,15 @@ def covariances(
         seen = _with_squares(seen, sums)
         after = [(gx + y0 * gt, gy - x0 * gt, gt) for gx, gy, gt in map(_last_of, sums)]
     return Uncertainty(_body_frame(seen, end, place), independent, after)
+
+
+def _within_circle(xp: Any, noise: Six, known: float) -> Six:
+    """`covariance.within_circle` for a run of steps."""
+    xx, xy, yy, xt, yt, tt = noise
+    left = xp.clip(ANY_HEADING - known - (xp.cumulative_sum(tt, axis=-1) - tt), 0.0, None)
+    room = xp.minimum(tt, left)
+    share = xp.sqrt(room / xp.where(tt > 0.0, tt, 1.0))
+    return (xx, xy, yy, share * xt, share * yt, room)
 
 
 def _noise_seen(

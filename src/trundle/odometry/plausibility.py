@@ -17,11 +17,15 @@ TICKS = 2.0
 ANY_ROBOT = 15.0
 """Faster than this no wheel of a robot rolls [m/s]: the bound where a description gives no limits."""
 
+ANY_TURN = 25.0
+"""The same for a body that turns [rad/s]: with the factor, what cheap gyros can show at most."""
+
 
 class Plausibility:
     """Bounds on what wheels turn in a time, from the limits of the description.
 
     Attributes:
+        yaw_rate: Greatest yaw rate that a gyro is believed [rad/s].
         declared: Per measured wheel, its greatest speed by the declared limits [rad/s]; 0 without any.
         body_speed: Greatest speed [m/s] and yaw rate [rad/s] of the body as declared, else 0; the yaw rate
             else what its wheels make of that speed when it turns on the spot.
@@ -33,6 +37,7 @@ class Plausibility:
         speed = math.hypot(limits.max_speed or 0.0, limits.max_lateral_speed or 0.0)
         *_, lever = length_scale([(w.x, w.y) for w in drive.wheels if w.kind is not WheelKind.CASTER])
         self.body_speed = (speed, limits.max_yaw_rate or speed / lever)
+        self.yaw_rate = FACTOR * (limits.max_yaw_rate or ANY_TURN)
         self.declared = []
         for wheel in wheels:
             fastest = limits.max_wheel_speed if robot.localizer is None else None
@@ -57,7 +62,7 @@ class Plausibility:
     def allows(self, turned: Sequence[float], seconds: float) -> bool:
         """Whether the wheels can have turned so far [rad] in that time [s]."""
         for angle, rate, slack in zip(turned, self._rates, self._slack, strict=True):
-            if abs(angle) > rate * seconds + slack:
+            if not abs(angle) <= rate * seconds + slack:  # nor NaN
                 return False
         return True
 

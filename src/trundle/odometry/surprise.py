@@ -48,12 +48,60 @@ class Surprise:
             seconds: Duration of the step.
             seconds_before: Duration of the step before.
         """
+        (x, y, turn), slack = self._off(step, before, seconds, seconds_before)
+        way = self._lever * turn
+        return (x, y, turn), x * x + y * y + way * way > slack * slack
+
+    def _off(
+        self, step: Vector, before: Vector, seconds: Number, seconds_before: Number
+    ) -> tuple[Vector, Number]:
+        """How far a step is from the one before carried on, and how far it may be [m]."""
         ratio = seconds / seconds_before
         x, y, turn = (now - ratio * then for now, then in zip(step, before, strict=True))
         # Under a constant acceleration a the two differ by a h1 (h0 + h1) / 2; readings by a tick each.
         slack = 0.5 * self._acceleration * seconds * (seconds_before + seconds) + (1.0 + ratio) * self._tick
+        return (x, y, turn), slack
+
+    def near(self, step: Vector, before: Vector, seconds: Number, seconds_before: Number) -> Number:
+        """Whether a step is what an earlier one, carried on, can become; False where there is none (NaN)."""
+        (x, y, turn), slack = self._off(step, before, seconds, seconds_before)
         way = self._lever * turn
-        return (x, y, turn), x * x + y * y + way * way > slack * slack
+        return x * x + y * y + way * way <= slack * slack
+
+    def taken_back(self, step: Vector, past: Sequence[Vector]) -> Number:
+        """Whether this step and the last one together are what the one before, carried on, can become.
+
+        So it is after a glitch of a counter that counts on; not after a jump that is there to stay.
+
+        Args:
+            step: x, y, theta, seconds.
+            past: The steps before it, latest first, alike.
+        """
+        both = [now + then for now, then in zip(step, past[0], strict=True)]
+        return self.near(both[:3], past[1][:3], both[3], past[1][3])
+
+    def resumed(self, step: Vector, past: Sequence[Vector]) -> Number:
+        """Whether it goes on as before a surprise: like the last step but one, or but two.
+
+        Args:
+            step: As for `taken_back`.
+            past: As for `taken_back`.
+        """
+        one, two = (self.near(step[:3], then[:3], step[3], then[3]) for then in past[1:3])
+        return one | two
+
+    @staticmethod
+    def by_gyro(off: Vector, gyro: Vector) -> tuple[Vector, Vector]:
+        """The part of a surprise that a gyro's rate can have caused, which nothing takes back; and the rest.
+
+        Args:
+            off: What came as a surprise (x, y, theta).
+            gyro: What the gyro's row makes of the body displacement, per radian.
+        """
+        x, y, turn = off
+        share = turn / gyro[2]
+        ux, uy = share * gyro[0], share * gyro[1]
+        return (ux, uy, turn), (x - ux, y - uy, 0.0 * turn)
 
     @staticmethod
     def on_pose(off: Vector, step: Vector) -> Six:

@@ -7,6 +7,7 @@ what a sensor said: a sample that cannot be true is refused and counted, and the
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from math import cos, hypot, isfinite, remainder, sin, tau
 from operator import sub
@@ -21,16 +22,18 @@ from trundle.odometry.covariance import (
     Matrix,
     Six,
     in_odom_frame,
+    is_covariance,
     matrix,
     mean_offset,
     outer,
     propagate,
     rotated,
     weighted_sum,
+    within_circle,
 )
 from trundle.odometry.encoder_counts import count_difference, whole_count
 from trundle.odometry.error_model import ErrorModel
-from trundle.odometry.frozen_wheels import FrozenWheels
+from trundle.odometry.frozen_wheels import FrozenWheels, Spare
 from trundle.odometry.integrator import Integrator, mean_rate
 from trundle.odometry.plausibility import Plausibility
 from trundle.odometry.slip import slip_monitor
@@ -38,6 +41,7 @@ from trundle.odometry.standstill import Standstill
 from trundle.odometry.surprise import Surprise
 from trundle.records import Reading
 from trundle.robot import Encoder, Kinematics, Robot, WheelCommand
+from trundle.robot.rows import rolling
 from trundle.robot.solver import Gains
 
 __all__ = ["CLOCK_RESOLUTION_NS", "Drift", "Memory", "OdometryState", "WheelOdometry"]
@@ -45,15 +49,16 @@ __all__ = ["CLOCK_RESOLUTION_NS", "Drift", "Memory", "OdometryState", "WheelOdom
 Numbers = Sequence[float]
 Drift = tuple[float, float, float]
 
+LAST_NS = 2**63 - 1  # logs hold stamps in as many bits
 CLOCK_RESOLUTION_NS = 1_000  # S5: nothing is divided by less
 CLOCK_RESET_NS = 1_000_000_000  # S6: time that goes back by more belongs to a new clock
 FOLD = 256  # steps that are summed before they are added to the sums of all
-ANY_HEADING = math.pi / math.sqrt(3.0)  # standard deviation of a heading of which nothing is known [rad]
+LEAST_LEVER = 0.01  # a wheel that rolls less per radian that the robot turns on the spot does not show it [m]
 PATIENCE = 3  # S12: this many implausible samples in a row are the new normal
 
 
 # Members of an Enum are looked up slowly in Python 3.11, and these are needed for every sample.
-POSITION, VELOCITY, INCREMENT = Reading.POSITION, Reading.VELOCITY, Reading.INCREMENT
+POSITION, VELOCITY, INCREMENT, TICKS = Reading.POSITION, Reading.VELOCITY, Reading.INCREMENT, Reading.TICKS
 
 
 class OdometryState(msgspec.Struct, frozen=True, gc=False):
@@ -92,6 +97,9 @@ class OdometryState(msgspec.Struct, frozen=True, gc=False):
         return self.pose.x + x, self.pose.y + y
 
 
+NO_PAST: Sequence[Numbers] = ((math.nan,) * 4,) * 3
+
+
 class Memory(NamedTuple):
     """What the next step needs of the last one besides its reading.
 
@@ -105,6 +113,8 @@ class Memory(NamedTuple):
         quantum: What being anywhere within a tick makes uncertain.
         drifts: What errors of the description have done so far, seen from the odom frame.
         surprise: What the last step may owe to a glitch that the counters will take back.
+        settled: Whether it is part of how an earlier glitch was taken back.
+        past: The last three steps (x, y, theta, seconds), latest first; NaN where there was none.
     """
 
     pose: tuple[float, ...]
@@ -117,6 +127,8 @@ class Memory(NamedTuple):
     quantum: Six = ZERO
     drifts: Sequence[Drift] = ()
     surprise: Six = ZERO
+    settled: bool = False
+    past: Sequence[Numbers] = NO_PAST
 
 
 class WheelOdometry:
@@ -137,7 +149,7 @@ class WheelOdometry:
         rejected: The others, by reason.
         events: What happened on the way (gap, rebaseline, clock_reset, slip, stuck_wheel, ...), by name.
         state: The state after the last sample.
-        standstill: Knows the gyro's bias; None without a gyro.
+        standstill: Knows the gyro's bias; None without a gyro, or with wheels that do not roll when it turns.
         slip: Watches whether the wheels contradict each other; None where they cannot.
         frozen: Watches for encoders that stand still.
         surprise: Knows which steps no body makes so soon after the one before.
@@ -169,8 +181,11 @@ class WheelOdometry:
         "_low",
         "_more",
         "_needs_gyro",
+        "_past",
         "_quantum",
         "_reading",
+        "_settled",
+        "_spare",
         "_special",
         "_steered",
         "_steering",
@@ -187,6 +202,8 @@ class WheelOdometry:
         "_toward",
         "_turns",
         "_twist",
+        "_unheard_way",
+        "_whole",
         "_x",
         "_y",
         "_yaw_rate",
@@ -224,17 +241,21 @@ class WheelOdometry:
         self._commutes = self.integrator is Integrator.ARC_PLUS
         self._chord = self.integrator in (Integrator.ARC, Integrator.ARC_PLUS)
         self._lead = 0.0 if self.integrator is Integrator.EULER else 0.5
-        self.max_gap_ns = round(require_positive("max_gap", max_gap) * 1e9)
+        self.max_gap_ns = round(min(require_positive("max_gap", max_gap) * 1e9, LAST_NS))
         self.errors = ErrorModel(self.drive, self.robot.noise, self.robot.encoders) if covariance else None
+        self._whole = self.errors  # of all wheels, where some are stuck
         self._drift_count = 0 if self.errors is None else self.errors.drifts
         angles, lengths = _tick_sizes(self.robot)
         self.slip = slip_monitor(self.drive, self.robot.noise, lengths) if covariance else None
         self.frozen = FrozenWheels(self.drive, self.robot.noise, lengths) if covariance else None
         self.surprise = Surprise(self.robot, lengths) if covariance else None
-        self.standstill = Standstill(angles, self.robot.noise.gyro) if self.drive.gyro else None
+        still = self.drive.gyro and _shows_turning(self.drive)
+        self.standstill = Standstill(angles, self.robot.noise.gyro) if still else None
         self._stuck: tuple[int, ...] = ()
         self._suspects = False
-        self._chosen: list[int] | None = None
+        self._chosen: Sequence[int] = range(len(self.drive.measured_names))
+        self._spare: Spare | None = None
+        self._unheard_way = 0.0
         self.plausible = Plausibility(self.robot)
         self._surely = min(rate for rate, _ in self.plausible.bounds)
         self._count = len(self.drive.measured_names)
@@ -299,23 +320,33 @@ class WheelOdometry:
 
         Args:
             pose: Of the robot at the last sample.
-            covariance: Upper triangle of how well that is known.
+            covariance: Upper triangle of how well that is known, as `state.upper`.
 
         Raises:
-            InputError: If a number is not finite, or this is no pose.
+            InputError: If this is no pose, no covariance, or not finite.
         """
         if not isinstance(pose, Pose2D):
             raise InputError(f"reset: pose {shown(pose)}, must be a Pose2D(x, y, theta)")
+        numbers = {"pose.x": pose.x, "pose.y": pose.y, "pose.theta": pose.theta}
+        require_numbers("reset", one=numbers, row={"covariance": covariance})
         if not all(map(isfinite, (pose.x, pose.y, pose.theta, *covariance))):
             raise InputError(f"reset({pose}): every number must be finite")
+        if not is_covariance(covariance):
+            problem = "must be the upper triangle (six numbers, as state.upper) of a covariance"
+            raise InputError(f"reset: covariance {shown(covariance)}, {problem}")
+        self._begin(pose, covariance)
+
+    def _begin(self, pose: Pose2D, covariance: Six) -> None:
         self._far_x, self._far_y, self._toward = pose.x, pose.y, remainder(pose.theta, tau)
         self._turns = round((pose.theta - self._toward) / tau)
         self._low = (0.0, 0.0, 0.0)
         self._x = self._y = self._theta = 0.0
         self._steps = 0
-        self._covariance = covariance
+        self._covariance = within_circle(covariance, 0.0)
         self._drifts = [(0.0, 0.0, 0.0)] * self._drift_count
         self._before: Sequence[float] | None = None
+        self._past: Sequence[Numbers] = NO_PAST
+        self._settled = False
         self._surprise = ZERO
         self.state = OdometryState(self._time_ns, pose, self._twist, True, "reset", covariance)
 
@@ -375,16 +406,26 @@ class WheelOdometry:
                     time_ns = round(time * 1e9)
                 except (ValueError, OverflowError):
                     return self._reject("nonfinite")
+            elif type(time_ns) is not int:
+                time_ns = _stamp(time_ns)
+                if time_ns is None:
+                    return self._reject("nonfinite")
+            if not -LAST_NS <= time_ns <= LAST_NS:
+                return self._reject("time_range")
             if len(reading) != self._count:
                 return self._reject("shape")
-            if self._steered or steering:
+            # Floats, so that no narrower number of NumPy's is what sums are made of.
+            if kind is not TICKS and type(reading[0]) is not float:
+                reading = _floats(kind, reading)
+            if yaw_rate is not None and type(yaw_rate) is not float:
+                yaw_rate = _float(yaw_rate)
+            if self._steered or len(steering):
                 checked = self._check_steering(steering)
                 if isinstance(checked, str):
                     return self._reject(checked)
                 steering = checked
             if command is not None:
                 command = self._told(command)
-            assert time_ns is not None
             return self._step(time_ns, kind, reading, steering, yaw_rate, command)
         except TypeError:
             numbers = {"time": time, "time_ns": time_ns, "yaw_rate": yaw_rate}
@@ -409,6 +450,8 @@ class WheelOdometry:
             self._quantum,
             self._drifts,
             self._surprise,
+            self._settled,
+            self._past,
         )
 
     def resume(
@@ -423,8 +466,9 @@ class WheelOdometry:
     ) -> None:
         """Go on after `count` samples that were accepted elsewhere, the last of them this one."""
         self._twist = Twist2D(*memory.twist)
-        self.reset(Pose2D(*memory.pose), covariance=memory.upper)
+        self._begin(Pose2D(*memory.pose), memory.upper)
         self._drifts, self._quantum, self._surprise = list(memory.drifts), memory.quantum, memory.surprise
+        self._settled, self._past = memory.settled, memory.past
         self._before, self._before_ns = memory.before, memory.before_ns
         if self._commutes:
             self._earlier, self._earlier_yaw_rate = memory.earlier, memory.earlier_yaw_rate
@@ -444,8 +488,13 @@ class WheelOdometry:
     ) -> OdometryState:
         before = self._reading
         elapsed = time_ns - self._time_ns
+        if yaw_rate is not None and self.plausible.yaw_rate < abs(yaw_rate) < math.inf:
+            if self._yaw_rate is not None and elapsed > 0 and self._strikes + 1 < PATIENCE:
+                self._strikes += 1
+                return self._reject("implausible")
+            yaw_rate = None  # a gyro that goes on like that is as good as silent (S20)
         if before is None or elapsed < CLOCK_RESOLUTION_NS:
-            return self._without_step(time_ns, kind, reading, steering, yaw_rate)
+            return self._without_step(time_ns, reading, steering, yaw_rate)
         seconds = elapsed * 1e-9
         try:
             if kind is POSITION:
@@ -455,6 +504,8 @@ class WheelOdometry:
         except TypeError:
             raise InputError(f"update: {kind.value} {reading!r}: every value must be a number") from None
         except OverflowError:
+            if not self._is_sound(reading, steering, yaw_rate):
+                return self._reject("nonfinite")
             self._take_baseline(time_ns, reading, steering, yaw_rate)
             return self._reject("ambiguous_wrap")
 
@@ -464,12 +515,11 @@ class WheelOdometry:
                 then + 0.5 * remainder(now - then, tau)
                 for now, then in zip(steering, self._steering, strict=True)
             ]
-        # One bound for all wheels together settles nearly every sample, NaN and infinity included.
-        if not hypot(*turned) <= self._surely * seconds:
-            if not isfinite(sum(turned)):
-                return self._reject("nonfinite")
-            if not self.plausible.allows(turned, seconds):
-                return self._implausible(time_ns, kind, reading, steering, yaw_rate)
+        # One bound for all wheels together settles nearly every sample, NaN and infinity included. Speeds are
+        # judged by themselves: the mean with the one before would let twice as much pass.
+        judged = turned if kind is not VELOCITY else [seconds * speed for speed in reading]
+        if not hypot(*judged) <= self._surely * seconds and not self.plausible.allows(judged, seconds):
+            return self._implausible(time_ns, kind, reading, steering, yaw_rate)
         turn = None
         if self._special:
             if self._has_gyro:
@@ -483,10 +533,9 @@ class WheelOdometry:
                 h0 = self._before_ns * 1e-9
                 samples = zip(self._earlier, before, reading, strict=True)
                 turned = [seconds * mean_rate(a, b, c, h0, seconds) for a, b, c in samples]
-            if self._stuck:
-                self._release(turned)
+        told = None if self._spare is None else self._spare.displacement(turned, middle, turn)
         try:
-            dx, dy, dt = self._displacement(turned, middle, turn)
+            dx, dy, dt = self._displacement(turned, middle, turn) if told is None else told
         except Unobservable:
             return self._reject("range")
 
@@ -523,53 +572,77 @@ class WheelOdometry:
             self._fold()
 
         if self.errors is not None:
-            every = turned
-            if self._chosen is not None:
+            every, errors = turned, self.errors
+            if told is not None:
                 turned = [turned[index] for index in self._chosen]
-            gains = self.errors.gains(middle, turn is not None)
-            noise = self.errors.noise(gains, turned, measured, seconds, turn is not None)
+            elif self._spare is not None:  # the others do not suffice without a gyro that is silent now
+                errors = self._whole or errors
+            gains = errors.gains(middle, turn is not None)
+            noise = errors.noise(gains, turned, measured, seconds, turn is not None)
+            if self._stuck and told is None:
+                noise = weighted_sum((1.0, 1.0), (noise, self._unheard(gains[0], turned)))
             if reason == "gap":
                 noise = _unknown_path(noise, dx, dy, self._unseen_turn(turned, dt, seconds))
             self._step_noise, self._step_seconds = noise, seconds
             if off is not None or self._surprise is not ZERO:
-                noise = self._doubted(noise, off, measured)
+                gyro = None if turn is None else gains[0].gyro[0]
+                noise = self._doubted(noise, off, (*measured, seconds), gyro)
+            self._past = ((*measured, seconds), *self._past[:2])
             self._covariance = propagate(
                 self._covariance, (dx, dy, dt), noise, chord=self._chord, lead=self._lead
             )
             self._quantum = gains[2]
             if self._drifts:
-                self._drift_on(self.errors.drift(gains, turned, measured, turn), (dx, dy, dt))
+                self._drift_on(errors.drift(gains, turned, measured, turn), (dx, dy, dt))
             # A step that is not like the others has no part in what the wheels agree on.
             if (
                 self.slip is not None
+                and errors is self.errors
                 and not reason
                 and self.slip.step(turned, middle, turn, seconds, measured)
             ):
                 reason = self._judge_slip(gains[0]) or reason
+            if self._stuck:
+                self._release(every)
             if 0.0 in every or self._suspects:
                 reason = self._watch_frozen(every, middle, turn, seconds, measured, command) or reason
         if kind is VELOCITY:
             self._earlier = before
-            measured, seconds = self._displacement(reading, steering, self._rate(yaw_rate, turn)), 1.0
+            rate = self._rate(yaw_rate, turn)
+            told = None if self._spare is None else self._spare.displacement(reading, steering, rate)
+            measured, seconds = self._displacement(reading, steering, rate) if told is None else told, 1.0
         self._twist = Twist2D(measured[0] / seconds, measured[1] / seconds, measured[2] / seconds)
         return self._accept(time_ns, reading, steering, yaw_rate, reason)
 
-    def _doubted(self, noise: Six, off: Sequence[float] | None, step: Sequence[float]) -> Six:
-        """Noise of a step of which so much came as a surprise (S13). What counts anew never takes it back."""
-        assert self.surprise is not None
+    def _doubted(self, noise: Six, off: Numbers | None, step: Numbers, gyro: Numbers | None) -> Six:
+        """Noise of a step of which so much came as a surprise (S13), or the one before.
+
+        Counters take a glitch back, and if they do not it was none: then the doubt stays. What counts anew,
+        and a gyro, never take it back.
+        """
+        surprise = self.surprise
+        assert surprise is not None
         before, self._surprise = self._surprise, ZERO
+        taken_back = surprise.taken_back(step, self._past)
+        if before is not ZERO and not (taken_back or self._settled):
+            noise = weighted_sum((1.0, 1.0), (noise, before))
         if off is not None:
             self._step_noise = weighted_sum((1.0, 1.0), (noise, outer(off)))
             if self._kind in (INCREMENT, VELOCITY):
                 return self._step_noise
-            self._surprise = self.surprise.on_pose(off, step)
-        return self.surprise.detour(noise, before[5] + self._surprise[5], step)
+            if gyro is not None:
+                lasting, off = surprise.by_gyro(off, gyro)
+                noise = weighted_sum((1.0, 1.0), (noise, outer(lasting)))
+            self._surprise = surprise.on_pose(off, step[:3])
+            self._settled = bool(taken_back | surprise.resumed(step, self._past))
+        return surprise.detour(noise, before[5] + self._surprise[5], step[:3])
 
     def _without_bias(self, turn: float | None, turned: Numbers, seconds: float) -> float | None:
         """What the gyro says about a step [rad]; nothing while the robot stands still."""
         standstill = self.standstill
-        assert standstill is not None
         self._earlier_yaw_rate = self._yaw_rate
+        if standstill is None:
+            return turn
         if standstill.step(turned, seconds, None if turn is None else turn / seconds):
             return 0.0 if self._needs_gyro else None
         return None if turn is None else turn - standstill.bias * seconds
@@ -587,8 +660,10 @@ class WheelOdometry:
 
     def _rate(self, yaw_rate: float | None, turn: float | None) -> float | None:
         """What the gyro shows [rad/s], where it takes part, without its bias."""
-        if yaw_rate is None or self.standstill is None or turn is None:
+        if yaw_rate is None or turn is None:
             return None
+        if self.standstill is None:
+            return yaw_rate
         return 0.0 if self._needs_gyro and not turn else yaw_rate - self.standstill.bias
 
     def _watch_frozen(
@@ -616,7 +691,10 @@ class WheelOdometry:
         return "stuck_wheel"
 
     def _release(self, turned: Numbers) -> None:
-        """A stuck encoder that counts again is counted on again."""
+        """A stuck encoder that counts again is counted on again, from the next step on.
+
+        This one may hold all that it did not count meanwhile, which the pose has from the others.
+        """
         assert self.frozen is not None
         if self.frozen.release(turned):
             self._count_event("wheel_recovered")
@@ -624,27 +702,28 @@ class WheelOdometry:
 
     def _count_on_the_rest(self) -> None:
         assert self.frozen is not None
-        self._stuck = self.frozen.stuck
-        self._special = bool(self._stuck) or self._has_gyro or self._kind is VELOCITY
-        spare = self.frozen.spare(self._stuck) if self._stuck else None
-        whole, noise = self.drive, self.robot.noise
+        self._stuck, self._unheard_way = self.frozen.stuck, 0.0
+        self._spare = spare = self.frozen.spare(self._stuck) if self._stuck else None
+        self._chosen = range(self._count) if spare is None else spare.chosen
+        drive = self.drive if spare is None else spare.drive
         lengths = _tick_sizes(self.robot)[1]
-        if spare is None:
-            self._chosen, self._displacement, drive = None, whole.displacement, whole
-        else:
-            self._chosen, drive = spare.chosen, spare.drive
-            lengths = [lengths[index] for index in spare.chosen]
-
-            def displacement(
-                turned: Numbers, steering: Numbers = (), turn: Any = None, trig: Any = math
-            ) -> Numbers:
-                told = spare.displacement(turned, steering, turn)
-                return whole.displacement(turned, steering, turn, trig) if told is None else told
-
-            self._displacement = displacement
-        self.errors = ErrorModel(drive, noise, self.robot.encoders)
-        self.slip = slip_monitor(drive, noise, lengths)
+        self.errors = ErrorModel(drive, self.robot.noise, self.robot.encoders)
+        self.slip = slip_monitor(drive, self.robot.noise, [lengths[index] for index in self._chosen])
         self._before = None
+        self._past = NO_PAST
+
+    def _unheard(self, gains: Gains, turned: Numbers) -> Six:
+        """What stuck wheels may have rolled in a step of which nobody else can tell: as far as the furthest.
+
+        The same way all along, so that it is the ways that add up and not their variances.
+        """
+        far = max(map(abs, turned))
+        before, self._unheard_way = self._unheard_way, self._unheard_way + far
+        more = self._unheard_way**2 - before**2
+        radii = [self.drive.wheel(self.drive.measured_names[index]).radius for index in self._stuck]
+        return weighted_sum(
+            [more * radius**2 for radius in radii], [outer(gains.rolling[index]) for index in self._stuck]
+        )
 
     def _told(self, command: Numbers | WheelCommand) -> Numbers | None:
         """Commanded speeds of the measured wheels [rad/s]; None where they mean nothing."""
@@ -656,14 +735,15 @@ class WheelOdometry:
         return speeds if isfinite(sum(speeds)) else None
 
     def _grow(self, six: Six) -> None:
-        self._covariance = weighted_sum((1.0, 1.0), (self._covariance, six))
+        before = self._covariance
+        self._covariance = weighted_sum((1.0, 1.0), (before, within_circle(six, before[5])))
 
     def _drift_on(self, changes: Sequence[Sequence[float]], step: Numbers) -> None:
         """Add what errors of the description did to this step, seen from the odom frame.
 
         There they are plain sums. Each acts where the step was at its middle.
         """
-        if self._chosen is not None and len(changes) < len(self._drifts):
+        if len(changes) < len(self._drifts):
             every: list[Sequence[float]] = [(0.0, 0.0, 0.0)] * len(self._drifts)
             for index, change in zip((*self._chosen, -1), changes, strict=False):
                 every[index] = change
@@ -681,7 +761,7 @@ class WheelOdometry:
     def _reported(self) -> Six:
         """All that is uncertain about the pose: what was accumulated, ticks, and the description."""
         six = self._covariance
-        if self._quantum[5] or self._surprise is not ZERO:
+        if self._quantum is not ZERO or self._surprise is not ZERO:
             six = weighted_sum((1.0, 1.0, 1.0), (six, self._quantum, self._surprise))
         if self._drifts:
             x, y = self._far_x + self._x, self._far_y + self._y
@@ -731,14 +811,11 @@ class WheelOdometry:
     # --- samples that are not one step --------------------------------------------------------
 
     def _without_step(
-        self, time_ns: int, kind: Reading, reading: Numbers, steering: Numbers, yaw_rate: float | None
+        self, time_ns: int, reading: Numbers, steering: Numbers, yaw_rate: float | None
     ) -> OdometryState:
         """First samples, and samples whose time did not move forward (S3 to S6)."""
         if self._reading is None or time_ns - self._time_ns <= -CLOCK_RESET_NS:
-            values = [*reading, *steering, 0.0 if yaw_rate is None else yaw_rate]
-            if not all(map(_is_finite, values)):
-                return self._reject("nonfinite")
-            if kind is Reading.TICKS and None in map(whole_count, reading):
+            if not self._is_sound(reading, steering, yaw_rate):
                 return self._reject("nonfinite")
             if self._reading is None:
                 return self._rebaseline(time_ns, reading, steering, yaw_rate, "baseline")
@@ -751,6 +828,13 @@ class WheelOdometry:
             return self._reject("too_soon")
         same = tuple(reading) == self._reading and tuple(steering) == tuple(self._steering)
         return self._reject("duplicate" if same else "duplicate_conflict")
+
+    def _is_sound(self, reading: Numbers, steering: Numbers, yaw_rate: float | None) -> bool:
+        """Whether every number of a sample is finite, and every count whole."""
+        if self._kind is TICKS and None in map(whole_count, reading):
+            return False
+        wheels = () if self._kind is TICKS else reading  # a count may be too large for a float
+        return all(map(_is_finite, (*wheels, *steering, 0.0 if yaw_rate is None else yaw_rate)))
 
     def _rebaseline(
         self, time_ns: int, reading: Numbers, steering: Numbers, yaw_rate: float | None, reason: str
@@ -769,7 +853,7 @@ class WheelOdometry:
         if self.errors is not None and self.errors.ticks:
             # Half a tick at the start is a heading that stays wrong.
             self._quantum = self.errors.gains(steering, self._has_gyro)[2]
-            self._covariance = weighted_sum((1.0, 1.0), (self._covariance, self._quantum))
+            self._grow(self._quantum)
         if self._surprise is not ZERO:  # counters that begin anew do not take it back
             self._grow(self._surprise)
         self._twist = Twist2D()
@@ -787,6 +871,8 @@ class WheelOdometry:
         self, time_ns: int, kind: Reading, reading: Numbers, steering: Numbers, yaw_rate: float | None
     ) -> OdometryState:
         """A wheel that turned further than it can (S11, S12); from zero, the encoders began anew."""
+        if not self._is_sound(reading, steering, yaw_rate):
+            return self._reject("nonfinite")
         scales = [abs(e.radians_per_tick) for e in self.encoders] or [1.0] * self._count
         restarted = kind in (Reading.TICKS, Reading.POSITION) and self.plausible.allows(
             [value * scale for value, scale in zip(reading, scales, strict=True)],
@@ -811,17 +897,18 @@ class WheelOdometry:
     def _break(self, elapsed: int) -> str:
         """A step that is not like the others: after a gap, or after increments that were lost."""
         self._break_off()
+        lost, self._lost = self._lost, False
         if elapsed > self.max_gap_ns:
             self._count_event("gap")
-            self._lost = False
+        if not lost:
             return "gap"
-        self._lost = False
         self._grow_unseen(elapsed * 1e-9)
         return "increments_lost"
 
     def _break_off(self) -> None:
         """What was watched before has no connection with what comes."""
         self._before = None
+        self._past = NO_PAST
         if self.slip is not None:
             self.slip.restart()
         if self.frozen is not None:
@@ -835,15 +922,14 @@ class WheelOdometry:
         twist = self._twist
         sigma = seconds * max(speed, hypot(twist.vx, twist.vy))
         turn = seconds * max(yaw_rate, abs(twist.omega))
-        xx, xy, yy, xt, yt, tt = self._covariance
         if self.errors is not None:
-            self._covariance = (xx + sigma**2, xy, yy + sigma**2, xt, yt, tt + turn**2)
+            self._grow((sigma**2, 0.0, sigma**2, 0.0, 0.0, turn**2))
 
     def _unseen_turn(self, turned: Numbers, turn: float, seconds: float) -> float:
         """How far the heading after a gap may be off [rad] where only a rate at its ends is known of it."""
         if not self._needs_gyro or not any(turned):
             return 0.0
-        return min(max(seconds * self.plausible.body_speed[1], abs(turn)), ANY_HEADING)
+        return max(seconds * self.plausible.body_speed[1], abs(turn))
 
     def _count_event(self, name: str) -> None:
         self.events[name] = self.events.get(name, 0) + 1
@@ -873,7 +959,8 @@ class WheelOdometry:
             if encoder.bits is not None:
                 half_range = 1 << (encoder.bits - 1)
                 possible = fastest * seconds / abs(encoder.radians_per_tick)
-                if abs(counts) >= half_range or possible >= half_range:
+                # Half the range either way; or an error of one bit, where the wheel cannot have come so far.
+                if possible >= half_range or (abs(counts) >= half_range and not fastest):
                     raise OverflowError
             turned.append(counts * encoder.radians_per_tick)
         return turned
@@ -883,20 +970,27 @@ class WheelOdometry:
 
         Over a gap a rate says nothing: only a drive that knows no better takes it, and doubts it.
         """
-        if yaw_rate is None or self._yaw_rate is None:
-            if yaw_rate is None and self._yaw_rate is not None:
+        then = self._yaw_rate
+        if yaw_rate is None:
+            if then is not None:
                 self._count_event("gyro_dropout")
             return None
         if not isfinite(yaw_rate):
             return math.nan
+        if (
+            then is None
+        ):  # it was silent when this step began: a drive that needs it begins with what it says now
+            if not self._needs_gyro:
+                return None
+            then = yaw_rate
         if elapsed > self.max_gap_ns and not self._needs_gyro:
             return None
         seconds = elapsed * 1e-9
         if self._commutes and self._before is not None and self._earlier_yaw_rate is not None:
             h0, h1 = self._before_ns * 1e-9, seconds
-            mean: float = mean_rate(self._earlier_yaw_rate, self._yaw_rate, yaw_rate, h0, h1)
+            mean: float = mean_rate(self._earlier_yaw_rate, then, yaw_rate, h0, h1)
             return h1 * mean
-        return 0.5 * seconds * (yaw_rate + self._yaw_rate)
+        return 0.5 * seconds * (yaw_rate + then)
 
     def _check_steering(self, steering: Numbers) -> Numbers | str:
         """The angles, one per steered wheel; or the reason to refuse them."""
@@ -910,7 +1004,7 @@ class WheelOdometry:
         for index, bounds in self._bounded:
             if not bounds.hold(steering[index]):
                 return "range"
-        return tuple(steering)
+        return tuple(map(_float, steering))
 
     def _take_kind(self, kind: Reading) -> None:
         if self._kind is not None:
@@ -944,6 +1038,12 @@ def _one_reading(
     return given[0]
 
 
+def _shows_turning(drive: Kinematics) -> bool:
+    """Whether wheels that stand still say that the robot does not turn on the spot."""
+    wheels = [drive.wheel(name) for name in drive.measured_names]
+    return drive.observable_without_gyro or any(abs(rolling(wheel)[2]) > LEAST_LEVER for wheel in wheels)
+
+
 def _tick_sizes(robot: Robot) -> tuple[list[float], list[float]]:
     """What one count of each measured wheel is, as an angle [rad] and as a way [m]; 0 where not described."""
     drive = robot.measuring
@@ -960,6 +1060,34 @@ def _compensated(total: float, part: float, low: float) -> tuple[float, float]:
     part -= low
     result = total + part
     return result, (result - total) - part
+
+
+def _stamp(time_ns: Any) -> int | None:
+    """A stamp as an int, whatever NumPy makes of its own integers; None if it is not finite."""
+    try:
+        return operator.index(time_ns)
+    except TypeError:
+        value = _float(time_ns)
+        return round(value) if isfinite(value) else None
+
+
+def _float(value: Any) -> float:
+    try:
+        number: float = value.__float__()  # float(value) would read a text
+    except AttributeError:
+        raise TypeError from None
+    return number
+
+
+def _floats(kind: Reading, reading: Numbers) -> list[float]:
+    numbers = []
+    for value in reading:
+        try:
+            numbers.append(_float(value))
+        except TypeError:
+            problem = f"{kind.value} {shown(reading)}: {shown(value)} is not a number"
+            raise InputError(f"update: {problem}") from None
+    return numbers
 
 
 def _is_finite(value: float) -> bool:

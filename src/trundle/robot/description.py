@@ -33,6 +33,8 @@ class Encoder(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
         require_positive("ticks_per_revolution", self.ticks_per_revolution)
         if self.bits is not None and not (isinstance(self.bits, Integral) and 2 <= self.bits <= 64):
             raise ConfigError("bits", f"{shown(self.bits)}, must be a whole number from 2 to 64")
+        if self.bits is not None and type(self.bits) is not int:  # NumPy's overflow where they are shifted
+            msgspec.structs.force_setattr(self, "bits", int(self.bits))
 
     @property
     def radians_per_tick(self) -> float:
