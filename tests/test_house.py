@@ -268,6 +268,7 @@ BRINGS = {
     "foxglove": "foxglove-sdk",
     "rerun": "rerun-sdk",
     "ruamel": "ruamel.yaml",
+    "zlib_ng": "zlib-ng",
     "rclpy": "ros-rclpy",
     "geometry_msgs": "ros-geometry-msgs",
     "nav_msgs": "ros-nav-msgs",

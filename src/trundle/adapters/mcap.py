@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import mmap
 import struct
-import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -22,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from zlib_ng.zlib_ng import crc32
 
 from trundle.adapters.chunk_compression import decompress, require_growth, require_total_growth
 from trundle.adapters.damage import Damage, require_mapped
@@ -229,7 +229,7 @@ class McapFile:
             return content
         if len(content) != chunk.size:
             raise Damage(f"holds {len(content)} bytes where it says {chunk.size}")
-        if chunk.crc and zlib.crc32(content.data) != chunk.crc:
+        if chunk.crc and crc32(content.data) != chunk.crc:
             raise Damage("does not have the checksum (CRC) that was written with it")
         return content
 
@@ -394,7 +394,7 @@ class McapFile:
         if any(chunk.is_loose for chunk in self._chunks):
             if not crc:
                 self.warnings.append("unverified: messages outside chunks carry no checksum")
-            elif zlib.crc32(self._data[: record.position].data) != crc:
+            elif crc32(self._data[: record.position].data) != crc:
                 raise Damage("does not have the checksum (CRC) of the data before it")
 
     def _take_footer(self, record: Record) -> None:
@@ -410,7 +410,7 @@ class McapFile:
             raise Damage(f"says that the summary begins at byte {start}, where it begins at {self._summary}")
         if not crc:
             self.warnings.append("unverified: the summary carries no checksum")
-        elif zlib.crc32(self._data[start or record.position : record.stop - 4].data) != crc:
+        elif crc32(self._data[start or record.position : record.stop - 4].data) != crc:
             raise Damage("does not have the checksum (CRC) of the summary before it")
 
     # ------------------------------------------------------------------ definitions
@@ -541,7 +541,7 @@ class McapFile:
         try:
             *_, footer = records_in(self._data, max(end - FOOTER_SIZE, 0), end)
             start, _, crc = RecordFields(self._data, footer).take("<QQI")
-            if crc and zlib.crc32(self._data[start : footer.stop - 4].data) != crc:
+            if crc and crc32(self._data[start : footer.stop - 4].data) != crc:
                 return starts
             for record in records_in(self._data, start, footer.position):
                 if record.kind is Kind.CHUNK_INDEX:

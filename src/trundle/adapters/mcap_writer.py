@@ -6,13 +6,13 @@ Source: https://mcap.dev/spec, version 0.
 from __future__ import annotations
 
 import struct
-import zlib
 from collections.abc import Mapping, Sequence
 from types import TracebackType
 from typing import BinaryIO, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
+from zlib_ng.zlib_ng import crc32
 
 from trundle.adapters.chunk_compression import compress
 from trundle.adapters.mcap import MAGIC
@@ -105,7 +105,7 @@ class McapWriter:
         first = min(int(stamps.min()) for stamps, _ in messages.values())
         last = max(int(stamps.max()) for stamps, _ in messages.values())
         position = self._position
-        fields = struct.pack("<QQQI", first, last, len(content), zlib.crc32(content)) + _text(COMPRESSION)
+        fields = struct.pack("<QQQI", first, last, len(content), crc32(content)) + _text(COMPRESSION)
         self._write(_record(Kind.CHUNK, fields + struct.pack("<Q", len(stored)) + stored))
         length, offsets = self._position - position, {}
         for channel, (stamps, starts) in messages.items():
@@ -154,7 +154,7 @@ class McapWriter:
 
     def _write(self, content: bytes) -> None:
         self._position += self._file.write(content)
-        self._crc = zlib.crc32(content, self._crc)
+        self._crc = crc32(content, self._crc)
 
 
 def _chunk_index(chunk: _Chunk) -> bytes:
