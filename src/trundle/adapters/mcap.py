@@ -205,8 +205,8 @@ class McapFile:
             self._release(chunk)
 
     def _prepared(self, chunks: list[_Chunk]) -> Iterator[tuple[_Chunk, Callable[[], _Bytes]]]:
-        """Chunks with what gives their content, which a thread prepares while those before are decoded."""
-        if len(chunks) < 2:
+        """Chunks with what gives their content; a thread decompresses ahead of the one that is decoded."""
+        if len(chunks) < 2 or not any(chunk.compression for chunk in chunks):
             yield from ((chunk, partial(self._content, chunk)) for chunk in chunks)
             return
         with ThreadPoolExecutor(1) as thread:
