@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from trundle.adapters.decimal_text import decimal_rows
+from trundle.adapters.decimal_text import decimal_lines
 from trundle.adapters.numeral import Real, Stamp
 from trundle.adapters.quaternion import quaternion_of_yaw, yaw_of_quaternion
 from trundle.adapters.table import Wanted, open_table
@@ -35,10 +35,10 @@ def write_euroc(trajectory: Trajectory, path: Path) -> None:
         pose = trajectory.poses[unknown[0]].tolist()
         raise InputError(f"pose {unknown[0]} is {pose}, must be finite in a .euroc file; .csv can hold it")
     z, w = quaternion_of_yaw(trajectory.poses[:, 2])
-    rows = decimal_rows((trajectory.time_ns, *trajectory.poses.T[:2], w, z))
+    x, y, _ = trajectory.poses.T
     with path.open("w", encoding="ascii", newline="\n") as file:
         file.write(_HEADER)
-        file.writelines(f"{t},{x},{y},0,{qw},0,0,{qz}\n" for t, x, y, qw, qz in rows)
+        file.writelines(decimal_lines((trajectory.time_ns, ",", x, ",", y, ",0,", w, ",0,0,", z, "\n")))
 
 
 def read_euroc(path: Path) -> Trajectory:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from trundle.adapters.decimal_text import decimal_rows
+from trundle.adapters.decimal_text import decimal_lines
 from trundle.adapters.numeral import Real
 from trundle.adapters.table import Wanted, open_table
 from trundle.errors import InputError, LogSchema
@@ -29,9 +29,9 @@ def write_kitti(trajectory: Trajectory, path: Path) -> None:
         pose = trajectory.poses[unknown[0]].tolist()
         raise InputError(f"pose {unknown[0]} is {pose}, must be finite in a .kitti file; .csv can hold it")
     x, y, theta = trajectory.poses.T
-    rows = decimal_rows((x, y, np.cos(theta), np.sin(theta), -np.sin(theta)))
+    c, s = np.cos(theta), np.sin(theta)
     with path.open("w", encoding="ascii", newline="\n") as file:
-        file.writelines(f"{c} {minus_s} 0 {x} {s} {c} 0 {y} 0 0 1 0\n" for x, y, c, s, minus_s in rows)
+        file.writelines(decimal_lines((c, " ", -s, " 0 ", x, " ", s, " ", c, " 0 ", y, " 0 0 1 0\n")))
 
 
 def read_kitti(path: Path) -> Trajectory:

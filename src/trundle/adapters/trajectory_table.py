@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trundle.adapters.arrow_column import arrow_column
-from trundle.adapters.decimal_text import decimal_rows
+from trundle.adapters.decimal_text import Part, decimal_lines, separated
 from trundle.adapters.default_columns import default_time
 from trundle.adapters.numeral import Real, Stamp
 from trundle.adapters.table import Wanted, open_table
@@ -47,8 +47,7 @@ def csv_lines(trajectory: Trajectory, *, header: bool = True) -> Iterator[str]:
     columns = _columns(trajectory)
     if header:
         yield ",".join(columns) + "\n"
-    for row in decimal_rows(list(columns.values())):
-        yield ",".join(row) + "\n"
+    yield from decimal_lines(separated(list(columns.values()), ","))
 
 
 def write_trajectory_json(trajectory: Trajectory, path: Path) -> None:
@@ -65,11 +64,11 @@ def write_trajectory_json(trajectory: Trajectory, path: Path) -> None:
             raise InputError(
                 f"{name} {unknown[0]} is {value}, must be finite in a .jsonl file; .csv can hold it"
             )
-    keys = [json.dumps(name) for name in columns]
+    members: list[Part] = []
+    for name, column in columns.items():
+        members += [f"{', ' if members else '{'}{json.dumps(name)}: ", column]
     with path.open("w", encoding="ascii", newline="\n") as file:
-        for row in decimal_rows(list(columns.values())):
-            members = (f"{key}: {value}" for key, value in zip(keys, row, strict=True))
-            file.write(f"{{{', '.join(members)}}}\n")
+        file.writelines(decimal_lines([*members, "}\n"]))
 
 
 def write_trajectory_parquet(trajectory: Trajectory, path: Path) -> None:

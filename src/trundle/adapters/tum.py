@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from trundle.adapters.decimal_text import decimal_blocks
+from trundle.adapters.decimal_text import Seconds, decimal_lines
 from trundle.adapters.numeral import Real, Stamp
 from trundle.adapters.quaternion import quaternion_of_yaw, yaw_of_quaternion
 from trundle.adapters.table import Wanted, open_table
@@ -40,9 +40,8 @@ def tum_lines(trajectory: Trajectory) -> Iterator[str]:
         pose = trajectory.poses[unknown[0]].tolist()
         raise InputError(f"pose {unknown[0]} is {pose}, must be finite in a .tum file; .csv can hold it")
     z, w = quaternion_of_yaw(trajectory.poses[:, 2])
-    for time_ns, *numbers in decimal_blocks((trajectory.time_ns, *trajectory.poses.T[:2], z, w)):
-        rows = zip(_digits(time_ns), *numbers, strict=True)
-        yield "".join([f"{t[:-9]}.{t[-9:]} {x} {y} 0 0 0 {qz} {qw}\n" for t, x, y, qz, qw in rows])
+    x, y, _ = trajectory.poses.T
+    yield from decimal_lines((Seconds(trajectory.time_ns), " ", x, " ", y, " 0 0 0 ", z, " ", w, "\n"))
 
 
 def read_tum(path: Path) -> Trajectory:
@@ -58,10 +57,3 @@ def read_tum(path: Path) -> Trajectory:
     time_ns, x, y, *quaternion = rows.columns
     poses = np.stack([x, y, yaw_of_quaternion(*quaternion)], axis=-1)
     return Trajectory(time_ns=time_ns, poses=poses, rejected=rows.rejected)
-
-
-def _digits(time_ns: Sequence[str]) -> Sequence[str]:
-    """Nanoseconds with one digit at least before the nine that are decimals of seconds."""
-    if len(min(time_ns, key=len)) > 10:  # one may be a sign
-        return time_ns
-    return [stamp.zfill(10 + stamp.startswith("-")) for stamp in time_ns]

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trundle.adapters.atomic import atomic_path
-from trundle.adapters.decimal_text import decimal_rows
+from trundle.adapters.decimal_text import decimal_lines, separated
 from trundle.adapters.default_columns import REFERENCE, TWIST
 from trundle.adapters.resampling import interpolated, turned
 from trundle.errors import InputError, require_path, require_type
@@ -43,10 +43,12 @@ def write_log(log: WheelLog, path: str | os.PathLike[str], *, force: bool = Fals
     require_type("write_log", "log", log, WheelLog)
     path = require_path(path)
     columns = _columns(log)
-    text = [",".join(columns)]
-    text += [",".join(row) for row in decimal_rows(list(columns.values()))]
-    with atomic_path(path, force=force) as temporary:
-        temporary.write_text("\n".join(text) + "\n", encoding="utf-8", newline="\n")
+    with (
+        atomic_path(path, force=force) as temporary,
+        temporary.open("w", encoding="utf-8", newline="\n") as file,
+    ):
+        file.write(",".join(columns) + "\n")
+        file.writelines(decimal_lines(separated(list(columns.values()), ",")))
 
 
 def _columns(log: WheelLog) -> dict[str, npt.NDArray[Any]]:
