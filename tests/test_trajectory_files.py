@@ -89,6 +89,16 @@ def test_every_stamp_and_position_survives_tum(folder, time_ns, data):
     assert turned.max() < 1e-15
 
 
+def test_a_number_is_written_alike_beside_nan(folder):
+    """So that a file is the same however many rows are written at a time."""
+    poses = np.array([[1e22, 1e-7, 0.0], [np.nan, -np.inf, 5e-324]])
+    write_trajectory(Trajectory(time_ns=[0, 1], poses=poses), folder / "nan.csv", force=True)
+    write_trajectory(Trajectory(time_ns=[0], poses=poses[:1]), folder / "plain.csv", force=True)
+    plain, whole = ((folder / f"{name}.csv").read_text().splitlines() for name in ("plain", "nan"))
+    assert whole[:2] == plain
+    assert whole[2] == "1,nan,-inf,5e-324"
+
+
 def test_evo_reads_what_we_write(folder):
     file_interface = pytest.importorskip("evo.tools.file_interface")
     trajectory = circle()
