@@ -5,10 +5,12 @@ from __future__ import annotations
 import bz2
 import io
 import json
+import sqlite3
 import struct
 import subprocess
 import sys
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -79,27 +81,48 @@ def test_four_gigabytes_are_read_chunk_by_chunk(tmp_path):
         recording.unlink()
 
 
+def joint_state(distribution: Stores) -> tuple[np.ndarray, Callable[[np.ndarray, np.ndarray], np.ndarray]]:
+    """The bytes of a message, and what makes so many rows of them the messages of these numbers."""
+    store, kind, sec, nanosec = (
+        get_typestore(distribution),
+        "sensor_msgs/msg/JointState",
+        0x1234567,
+        0x89ABCDE,
+    )
+    stamp = store.types["builtin_interfaces/msg/Time"](sec, nanosec)
+    sequence = (0,) if distribution is Stores.ROS1_NOETIC else ()
+    head = store.types["std_msgs/msg/Header"](*sequence, stamp, "base_link")
+    message = store.types[kind](head, ["left", "right"], np.array([1e9, 2e9]), np.zeros(0), np.zeros(0))
+    serialize = store.serialize_ros1 if sequence else store.serialize_cdr
+    one = bytes(serialize(message, kind))
+    stamp_at = one.find(struct.pack("<II", sec, nanosec))
+    places = [one.find(struct.pack("<d", value)) for value in (1e9, 2e9)]
+
+    def changed(rows: np.ndarray, k: np.ndarray) -> np.ndarray:
+        stamps = 10**18 + 10_000_000 * k
+        header = np.stack([stamps // 10**9, stamps % 10**9], axis=-1).astype("<u4")
+        rows[:, stamp_at : stamp_at + 8] = header.view(np.uint8)
+        for place, rate in zip(places, (0.05, 0.06), strict=True):
+            rows[:, place : place + 8] = (rate * k).astype("<f8")[:, None].view(np.uint8)
+        return rows
+
+    return np.frombuffer(one, np.uint8), changed
+
+
 def write_joints(path: Path, chunks: int = 400, count: int = 10_000) -> None:
     """Joint states that differ in their numbers only: one is written over and over."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
+    one, change = joint_state(Stores.ROS2_HUMBLE)
+    before = np.frombuffer(record(0x05, struct.pack("<HIQQ", 1, 0, 0, 0) + one.tobytes())[:31], np.uint8)
     kind = "sensor_msgs/msg/JointState"
-    head = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](7, 9), "base_link")
-    message = store.types[kind](head, ["left", "right"], np.array([1e9, 2e9]), np.zeros(0), np.zeros(0))
-    cdr = bytes(store.serialize_cdr(message, kind))
-    one = np.frombuffer(record(0x05, struct.pack("<HIQQ", 1, 0, 0, 0) + cdr), np.uint8)
-    places = [one.tobytes().find(struct.pack("<d", value)) for value in (1e9, 2e9)]
-    schema = store.generate_msgdef(kind, ros_version=2)[0]
+    schema = get_typestore(Stores.ROS2_HUMBLE).generate_msgdef(kind, ros_version=2)[0]
     with path.open("wb") as file, McapWriter(file, [Channel("/joint_states", kind, schema)]) as writer:
         for chunk in range(chunks):
             k = np.arange(chunk * count, (chunk + 1) * count)
             stamps = 10**18 + 10_000_000 * k
-            rows = np.tile(one, (count, 1))
-            rows[:, 15:23] = rows[:, 23:31] = stamps.astype("<u8")[:, None].view(np.uint8)
-            header = np.stack([stamps // 10**9, stamps % 10**9], axis=-1).astype("<u4")
-            rows[:, 35:43] = header.view(np.uint8)
-            for place, rate in zip(places, (0.05, 0.06), strict=True):
-                rows[:, place : place + 8] = (rate * k).astype("<f8")[:, None].view(np.uint8)
-            writer.add(rows.tobytes(), {1: (stamps, len(one) * np.arange(count))})
+            heads = np.tile(before, (count, 1))
+            heads[:, 15:23] = heads[:, 23:31] = stamps.astype("<u8")[:, None].view(np.uint8)
+            rows = np.concatenate([heads, change(np.tile(one, (count, 1)), k)], axis=1)
+            writer.add(rows.tobytes(), {1: (stamps, rows.shape[1] * np.arange(count))})
 
 
 def write_recording(path: Path, chunks: int, image_bytes: int) -> int:
@@ -320,12 +343,116 @@ def write_rows(path: Path) -> None:
         file.writelines(f"{k * 0.02:.2f},{k * 0.1:.3f},{k * 0.11:.3f}\n" for k in range(4_000_000))
 
 
+def write_objects(path: Path) -> None:
+    with path.open("w") as file:
+        file.writelines(
+            f'{{"time": {k * 0.02:.2f}, "left.position": {k * 0.1:.3f}, "right.position": {k * 0.11:.3f}}}\n'
+            for k in range(4_000_000)
+        )
+
+
+def write_parquet(path: Path) -> None:
+    pa, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    names = ("time", "left.position", "right.position")
+    schema = pa.schema([(name, pa.float64()) for name in names])
+    with parquet.ParquetWriter(path, schema) as writer:
+        for start in range(0, 4_000_000, 1_000_000):
+            k = np.arange(start, start + 1_000_000)
+            columns = [pa.array(k * rate) for rate in (0.02, 0.1, 0.11)]
+            writer.write_table(pa.Table.from_arrays(columns, schema=schema))
+
+
+def write_database(path: Path) -> None:
+    path.mkdir()
+    one, change = joint_state(Stores.ROS2_HUMBLE)
+    with sqlite3.connect(path / "run_0.db3") as database:
+        database.execute(
+            "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)"
+        )
+        database.execute(
+            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
+        )
+        database.execute(
+            "INSERT INTO topics VALUES (1, '/joint_states', 'sensor_msgs/msg/JointState', 'cdr')"
+        )
+        for start in range(0, 4_000_000, 100_000):
+            k = np.arange(start, start + 100_000)
+            rows = change(np.tile(one, (len(k), 1)), k)
+            database.executemany(
+                "INSERT INTO messages (topic_id, timestamp, data) VALUES (1, ?, ?)",
+                zip((10**18 + 10_000_000 * k).tolist(), map(bytes, rows), strict=True),
+            )
+    database.close()
+
+
+def write_rosbag1(path: Path) -> None:
+    """Chunks with an index each; at the end the connection, and what each chunk holds."""
+    one, change = joint_state(Stores.ROS1_NOETIC)
+    text, _ = get_typestore(Stores.ROS1_NOETIC).generate_msgdef("sensor_msgs/msg/JointState", ros_version=1)
+    connection = words(
+        field(b"op", b"\x07") + field(b"conn", bytes(4)) + field(b"topic", b"/joint_states")
+    ) + words(
+        field(b"topic", b"/joint_states")
+        + field(b"type", b"sensor_msgs/JointState")
+        + field(b"md5sum", b"*")
+        + field(b"message_definition", text.encode())
+    )
+    head = words(field(b"op", b"\x02") + field(b"conn", bytes(4)) + field(b"time", bytes(8)))
+    time_at = head.find(b"time=") + 5
+    before = np.frombuffer(head + struct.pack("<I", len(one)), np.uint8)
+
+    def opened(index_position: int) -> bytes:
+        numbers = {b"index_pos": struct.pack("<Q", index_position), b"conn_count": struct.pack("<I", 1)}
+        fields = b"".join(
+            field(*pair) for pair in {b"op": b"\x03", **numbers, b"chunk_count": bytes(4)}.items()
+        )
+        return b"#ROSBAG V2.0\n" + words(fields) + words(b" " * 16)
+
+    infos = b""
+    with path.open("wb") as file:
+        file.write(opened(0))
+        for start in range(0, 4_000_000, 10_000):
+            k = np.arange(start, start + 10_000)
+            stamps = 10**18 + 10_000_000 * k
+            times = np.stack([stamps // 10**9, stamps % 10**9], axis=-1).astype("<u4")
+            rows = np.concatenate(
+                [np.tile(before, (len(k), 1)), change(np.tile(one, (len(k), 1)), k)], axis=1
+            )
+            rows[:, time_at : time_at + 8] = times.view(np.uint8)
+            content = connection + rows.tobytes()
+            offsets = len(connection) + rows.shape[1] * np.arange(len(k), dtype="<u4")
+            place, count = file.tell(), struct.pack("<I", len(k))
+            size = struct.pack("<I", len(content))
+            file.write(words(field(b"op", b"\x05") + field(b"compression", b"none") + field(b"size", size)))
+            file.write(words(content))
+            about = {b"op": b"\x04", b"ver": struct.pack("<I", 1), b"conn": bytes(4), b"count": count}
+            file.write(words(b"".join(field(*pair) for pair in about.items())))
+            file.write(words(np.column_stack([times, offsets]).astype("<u4").tobytes()))
+            about = {
+                b"op": b"\x06",
+                b"ver": struct.pack("<I", 1),
+                b"chunk_pos": struct.pack("<Q", place),
+                b"start_time": times[0].tobytes(),
+                b"end_time": times[-1].tobytes(),
+                b"count": struct.pack("<I", 1),
+            }
+            infos += words(b"".join(field(*pair) for pair in about.items())) + words(bytes(4) + count)
+        end = file.tell()
+        file.write(connection + infos)
+        file.seek(0)
+        file.write(opened(end))
+
+
 @pytest.mark.verify
 @pytest.mark.parametrize(
     ("name", "write", "described"),
     [
         pytest.param("run.csv", write_rows, ROBOT.partition("log:")[0], id="L15-text"),
+        pytest.param("run.jsonl", write_objects, ROBOT.partition("log:")[0], id="L15-json"),
+        pytest.param("run.parquet", write_parquet, ROBOT.partition("log:")[0], id="L15-parquet"),
         pytest.param("run.mcap", write_joints, ROBOT, id="L15-mcap"),
+        pytest.param("run", write_database, ROBOT, id="L15-sqlite3"),
+        pytest.param("run.bag", write_rosbag1, ROBOT, id="L15-rosbag1"),
     ],
 )
 def test_fault(name, write, described, tmp_path):
@@ -334,7 +461,8 @@ def test_fault(name, write, described, tmp_path):
     robot.write_text(described)
     write(log)
     code, seconds, peak, said = measured("track", log, "--robot", robot, "-o", tmp_path / "out.tum")
-    print(f"{log.stat().st_size / 1e6:.0f} MB of {name}: {seconds:.1f} s, {peak:.0f} MiB at most")
+    size = sum(file.stat().st_size for file in (log.iterdir() if log.is_dir() else [log]))
+    print(f"{size / 1e6:.0f} MB of {name}: {seconds:.1f} s, {peak:.0f} MiB at most")
     assert code == 0, said
     assert peak < MOST_MEMORY
     with (tmp_path / "out.tum").open() as file:

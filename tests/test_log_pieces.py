@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import sqlite3
 import struct
 from collections import Counter
 from functools import cache
@@ -15,7 +17,6 @@ import trundle as tr
 from trundle.adapters.bag_log import bag_log_pieces
 from trundle.adapters.log import read_log_pieces
 from trundle.adapters.mcap_writer import Channel, McapWriter
-from trundle.adapters.text_table import TextTable
 from trundle.adapters.trajectory_pieces import write_trajectory_pieces
 from trundle.apps.cli import main
 from trundle.odometry.integrate import integrate_pieces
@@ -31,10 +32,11 @@ TABLES = {
 @pytest.fixture(autouse=True)
 def small_pieces(monkeypatch):
     """Pieces of some hundred rows instead of a quarter of a million."""
-    whole = TextTable.pieces
     monkeypatch.setattr("trundle.adapters.text_table.BLOCK", 1500)
-    monkeypatch.setattr(TextTable, "pieces", lambda self, wanted: whole(self, wanted, 200))
+    monkeypatch.setattr("trundle.adapters.table_log.PIECE", 200)
+    monkeypatch.setattr("trundle.adapters.json_lines.ROWS_AT_ONCE", 70)
     monkeypatch.setattr("trundle.adapters.bag_log.PIECE", 100)
+    monkeypatch.setattr("trundle.adapters.rosbag2.ROWS_AT_ONCE", 70)
 
 
 def written(path, name, count, change=lambda rows: rows):
@@ -114,6 +116,77 @@ def test_a_file_that_changes_is_refused(tmp_path):
         file.write("60.0,300.0,330.0\n")
     with pytest.raises(tr.LogError, match="changed from"):
         list(pieces)
+
+
+# -------------------------------------------------------------------------- other tables
+
+
+def json_lines(path, rows, spoil=lambda lines: lines):
+    lines = [
+        json.dumps({"time": t, "left.position": left, "right.position": right}) for t, left, right in rows
+    ]
+    path.write_text("\n".join(spoil(lines)) + "\n")
+    return path
+
+
+def parquet(path, rows):
+    pa, writer = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    columns = zip(*rows, strict=True)
+    names = ("time", "left.position", "right.position")
+    writer.write_table(
+        pa.table({n: pa.array(c, pa.float64()) for n, c in zip(names, columns, strict=True)}),
+        path,
+        row_group_size=450,
+    )
+    return path
+
+
+def rows_of(count=3000):
+    return [(0.02 * k, 0.1 * k, 0.11 * k) for k in range(count)]
+
+
+@pytest.mark.parametrize("write", [json_lines, parquet])
+def test_other_tables_in_pieces_are_the_whole(tmp_path, write):
+    assert len(check(write(tmp_path / "log", rows_of()), least=10)) == 3000
+
+
+@pytest.mark.parametrize("write", [json_lines, parquet])
+def test_rows_without_a_number_are_counted_once(tmp_path, write):
+    rows = [(t, None if k % 500 == 7 else left, right) for k, (t, left, right) in enumerate(rows_of())]
+    rows[1234] = (None, 1.0, 2.0)
+    log = check(write(tmp_path / "log", rows), least=10)
+    assert len(log) == 2993
+    assert log.rejected == {"parse": 7}
+
+
+@pytest.mark.parametrize("write", [json_lines, parquet])
+def test_values_are_held_across_borders(tmp_path, write):
+    rows = [(t, left if k % 35 == 0 else None, right) for k, (t, left, right) in enumerate(rows_of())]
+    held = WheelMapping(column="left.position", hold=True)
+    described = tr.Robot(
+        drive=DRIVE, log=LogMapping(wheels={"left": held, "right": WheelMapping(column="right.position")})
+    )
+    log = check(write(tmp_path / "log", rows), described, least=10)
+    assert log.wheels[:, 0].tolist() == [0.1 * (k - k % 35) for k in range(3000)]
+
+
+@pytest.mark.parametrize("write", [json_lines, parquet])
+def test_tables_without_a_whole_row_are_refused_as_ever(tmp_path, write):
+    path = write(tmp_path / "log", [(t, None, right) for t, _, right in rows_of()] + [(None, 1.0, 1.0)])
+    said = []
+    for read in (tr.read_log, lambda *words: list(read_log_pieces(*words))):
+        with pytest.raises(tr.LogSchema, match="number") as caught:
+            read(path, robot())
+        said.append(str(caught.value))
+    assert said[0] == said[1]
+
+
+def test_lines_that_are_no_json_are_counted_once(tmp_path):
+    def spoilt(lines):
+        return ['{"time": 1' if k % 700 == 300 else line for k, line in enumerate(lines)]
+
+    log = check(json_lines(tmp_path / "log", rows_of(), spoilt), least=10)
+    assert log.rejected == {"parse": 4}
 
 
 @pytest.mark.parametrize("suffix", [".tum", ".csv"])
@@ -218,6 +291,76 @@ def test_a_topic_of_twists_comes_by_chunks(tmp_path):
     assert len(log.twists) == 600
 
 
+# ----------------------------------------------------------------------------- older bags
+
+
+def sqlite3_bag(folder, order=range(600), **how):
+    """A rosbag2 of messages by their numbers, in this order, between those of another topic."""
+    (folder / "bag").mkdir()
+    with sqlite3.connect(folder / "bag" / "bag_0.db3") as database:
+        database.execute(
+            "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)"
+        )
+        database.execute(
+            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
+        )
+        database.executemany(
+            "INSERT INTO topics VALUES (?, ?, ?, 'cdr')", [(1, "/wheels", JOINTS), (2, "/x", JOINTS)]
+        )
+        database.executemany(
+            "INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)",
+            [
+                (topic, START + 20_000_000 * k + 5_000_000, joints(k, **how))
+                for k in order
+                for topic in ((1, 2) if k % 3 else (1,))
+            ],
+        )
+    database.close()
+    return folder / "bag"
+
+
+def rosbag1(folder, order=range(600), **how):
+    """A ROS 1 bag of messages by their numbers, in this order, in chunks of 50."""
+    from rosbags.rosbag1 import Writer
+
+    noetic = get_typestore(Stores.ROS1_NOETIC)
+    with Writer(folder / "run.bag") as writer:
+        writer.chunk_threshold = 9000
+        connection = writer.add_connection("/wheels", JOINTS, typestore=noetic)
+        for k in order:
+            message = store().deserialize_cdr(joints(k, **how), JOINTS)
+            head = message.header
+            kinds = noetic.types
+            stamp = kinds["builtin_interfaces/msg/Time"](head.stamp.sec, head.stamp.nanosec)
+            one = kinds[JOINTS](
+                kinds["std_msgs/msg/Header"](k, stamp, head.frame_id),
+                message.name,
+                message.position,
+                message.velocity,
+                message.effort,
+            )
+            ns = START + 20_000_000 * k + 5_000_000
+            writer.write(connection, ns, noetic.serialize_ros1(one, JOINTS))
+    return folder / "run.bag"
+
+
+@pytest.mark.parametrize("write", [sqlite3_bag, rosbag1])
+def test_older_bags_come_in_pieces(tmp_path, write):
+    assert len(check(write(tmp_path), wheels_robot())) == 600
+
+
+@pytest.mark.parametrize("write", [sqlite3_bag, rosbag1])
+def test_older_bags_of_which_parts_overlap(tmp_path, write):
+    """Some messages come long after their time, and what they belong to waits for them."""
+    order = [*range(100), *range(140, 420), *range(100, 140), *range(420, 600)]
+    assert len(check(write(tmp_path, order), wheels_robot(), least=3)) == 600
+
+
+@pytest.mark.parametrize("write", [sqlite3_bag, rosbag1])
+def test_older_bags_backwards_come_as_one(tmp_path, write):
+    assert len(check(write(tmp_path, range(599, -1, -1)), wheels_robot(), least=1)) == 600
+
+
 def test_a_split_recording_comes_file_by_file(tmp_path):
     chunks = np.arange(600).reshape(-1, 20).tolist()
     for part, taken in enumerate((chunks[:13], chunks[13:])):
@@ -285,14 +428,35 @@ def test_an_index_that_lies_is_refused(tmp_path):
         list(read_log_pieces(path, wheels_robot()))
 
 
-@pytest.mark.parametrize("row", [pytest.param("L15", id="L15-command")])
-def test_fault(row, tmp_path, monkeypatch, capsys):
-    """The command writes and says the same of a long log, which it never holds as a whole."""
-    path = written(
-        tmp_path / "log.csv", "positions", 3000, lambda rows: [*rows[:1000], "oops,1,2", *rows[1000:]]
+WHEELS = "log: {wheels: {left: {topic: /wheels, name: left}, right: {topic: /wheels, name: right}}}\n"
+
+
+def with_a_line_of_words(folder):
+    return written(
+        folder / "log.csv", "positions", 3000, lambda rows: [*rows[:1000], "oops,1,2", *rows[1000:]]
     )
+
+
+def with_rows_left_out(write):
+    return lambda folder: write(folder / "log", [*rows_of(1000), (None, 1.0, 1.0), *rows_of()[1000:]])
+
+
+@pytest.mark.parametrize(
+    ("write", "mapping"),
+    [
+        pytest.param(with_a_line_of_words, "", id="L15-command"),
+        pytest.param(with_rows_left_out(json_lines), "", id="L15-command-json"),
+        pytest.param(with_rows_left_out(parquet), "", id="L15-command-parquet"),
+        pytest.param(lambda folder: recorded(folder / "run.mcap"), WHEELS, id="L15-command-mcap"),
+        pytest.param(sqlite3_bag, WHEELS, id="L15-command-sqlite3"),
+        pytest.param(rosbag1, WHEELS, id="L15-command-rosbag1"),
+    ],
+)
+def test_fault(write, mapping, tmp_path, monkeypatch, capsys):
+    """The command writes and says the same of a long log, which it never holds as a whole."""
+    path = write(tmp_path)
     (tmp_path / "robot.yaml").write_text(
-        "drive: {type: differential, track_width: 0.2, wheel_radius: 0.04}\n"
+        f"drive: {{type: differential, track_width: 0.2, wheel_radius: 0.04}}\n{mapping}"
     )
     said = []
     for long in (1 << 30, 1):
@@ -327,8 +491,7 @@ def test_damage_by_command(spoil, words, long, tmp_path, monkeypatch, capsys):
     path = recorded(tmp_path / "run.mcap")
     path.write_bytes(spoil(path.read_bytes()))
     (tmp_path / "robot.yaml").write_text(
-        "drive: {type: differential, track_width: 0.2, wheel_radius: 0.04}\n"
-        "log: {wheels: {left: {topic: /wheels, name: left}, right: {topic: /wheels, name: right}}}\n"
+        f"drive: {{type: differential, track_width: 0.2, wheel_radius: 0.04}}\n{WHEELS}"
     )
     command = ["track", str(path), "--robot", str(tmp_path / "robot.yaml"), "-o", str(tmp_path / "out.csv")]
     assert main(command) == 3

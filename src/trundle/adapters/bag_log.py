@@ -75,7 +75,7 @@ def read_bag_log(path: Path, robot: Robot, mapping: LogMapping, *, salvage: bool
 def bag_log_pieces(
     path: Path, robot: Robot, mapping: LogMapping, *, salvage: bool = False
 ) -> Iterator[WheelLog]:
-    """A recording as a wheel log in pieces: chunk by chunk, where one topic of an MCAP file says everything.
+    """A recording as a wheel log in pieces: part by part, where one topic says everything.
 
     What several topics say is put together of the whole; so are values that are held, and a topic
     whose messages begin without a stamp. What there is to say about the log, the last piece says.

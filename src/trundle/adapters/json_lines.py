@@ -77,7 +77,12 @@ class JsonTable:
 
     def read(self, wanted: Sequence[Wanted]) -> Rows:
         """See `Table`."""
-        return _Reading(self, wanted).rows(self._objects())
+        (rows,) = _Reading(self, wanted).pieces(self._objects(), None)
+        return rows
+
+    def pieces(self, wanted: Sequence[Wanted], least: int) -> Iterator[Rows]:
+        """See `LongTable`."""
+        return _Reading(self, wanted).pieces(self._objects(), least)
 
     def _objects(self) -> Iterator[_Found]:
         """Every object, with its line; and, of every line that holds something else, what is wrong."""
@@ -174,19 +179,26 @@ class _Reading:
         self.rejected: Counter[str] = Counter()
         self.faults: list[str] = []
 
-    def rows(self, objects: Iterator[_Found]) -> Rows:
+    def pieces(self, objects: Iterator[_Found], least: int | None) -> Iterator[Rows]:
+        """At least so many rows at a time, but for the last piece; without a number all at once."""
         parts: list[list[npt.NDArray[Any]]] = [self._columns([])]
+        count = 0
         whole = ((line, tokens) for line, values in objects if (tokens := self._tokens(line, values)))
         while block := list(islice(whole, ROWS_AT_ONCE)):
+            if least is not None and sum(len(columns[0]) for columns in parts) >= least:
+                piece = _joined(parts)
+                count += len(piece[0])
+                yield Rows(piece)
+                parts = []
             try:
                 parts.append(self._columns([tokens for _, tokens in block]))
             except ValueError:
                 parts.append(
                     self._columns([tokens for line, tokens in block if self._is_whole(line, tokens)])
                 )
-        columns = tuple(np.concatenate(pieces) for pieces in zip(*parts, strict=True))
-        self._check(len(columns[0]) if columns else 0)
-        return Rows(columns, self.rejected, self._warnings())
+        rest = _joined(parts)
+        self._check(count + (len(rest[0]) if rest else 0))
+        yield Rows(rest, self.rejected, self._warnings())
 
     def _tokens(self, line: int, values: Mapping[str, Any] | str) -> list[bytes] | None:
         """The wanted numbers of an object, as they are written; None where it lacks one."""
@@ -248,3 +260,7 @@ class _Reading:
         dots = "; ..." if refused > len(self.faults) else ""
         objects = "1 object was" if refused == 1 else f"{refused} objects were"
         return (f"{objects} left out as unreadable: {'; '.join(self.faults)}{dots}",)
+
+
+def _joined(parts: list[list[npt.NDArray[Any]]]) -> tuple[npt.NDArray[Any], ...]:
+    return tuple(np.concatenate(pieces) for pieces in zip(*parts, strict=True))

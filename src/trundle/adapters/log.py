@@ -21,6 +21,7 @@ from trundle.robot import Kinematics, LogMapping, Robot
 __all__ = ["LONG", "is_long", "read_log", "read_log_pieces"]
 
 LONG = 16 << 20  # bytes of text, whose columns and poses would take ten to twenty times as much
+PACKED = 16  # times as many rows as in text are in as many bytes of Parquet
 
 Reader = Callable[[Path, Robot, LogMapping, bool], WheelLog]
 Cutter = Callable[[Path, Robot, bool], Iterator[WheelLog]]
@@ -73,9 +74,9 @@ def read_log_pieces(
 ) -> Iterator[WheelLog]:
     """What `read_log` returns, in pieces: in memory that does not depend on how many rows there are.
 
-    Text tables come so, and MCAP where one topic says everything, without a reference; all else comes as one
-    piece. The first rows decide what is doubtful about the log. The first piece has the reference, the last
-    ones say what was left out or put in order.
+    Tables come so, and bags where one topic says everything, without a reference; NumPy archives, WPILOG and
+    tubs come as one piece. The first rows decide what is doubtful about the log. The first piece has the
+    reference, the last ones say what was left out or put in order.
 
     Args:
         path: As for `read_log`.
@@ -99,11 +100,13 @@ def read_log_pieces(
 
 def is_long(path: Path, robot: Robot) -> bool:
     """Whether a log should be read in pieces: long and without a reference, which is held as a whole."""
-    if not path.exists() or _size(path) <= LONG:
+    if not path.exists() or _size(path) * PACKED <= LONG:
         return False
     content = content_of(path)
-    if content is not Content.TEXT:
-        return content in _CUTTERS and robot.log.reference is None
+    if content not in _CUTTERS or _size(path) * (PACKED if content is Content.PARQUET else 1) <= LONG:
+        return False
+    if _CUTTERS[content] is _bag_pieces:
+        return robot.log.reference is None
     from trundle.adapters.table_log import has_reference
 
     return not has_reference(path, robot, robot.log)
@@ -114,7 +117,7 @@ def _size(path: Path) -> int:
     return sum(file.stat().st_size for file in (path.iterdir() if path.is_dir() else (path,)))
 
 
-def _text_pieces(path: Path, robot: Robot, _salvage: bool) -> Iterator[WheelLog]:
+def _table_pieces(path: Path, robot: Robot, _salvage: bool) -> Iterator[WheelLog]:
     from trundle.adapters.table_log import table_log_pieces
 
     return table_log_pieces(path, robot, robot.log)
@@ -210,8 +213,11 @@ def _read_tub(path: Path, robot: Robot, mapping: LogMapping, _salvage: bool) -> 
 
 # Formats that load nothing until they are read.
 _CUTTERS: dict[Content, Cutter] = {
-    Content.TEXT: _text_pieces,
+    Content.TEXT: _table_pieces,
+    Content.PARQUET: _table_pieces,
+    Content.JSON: _table_pieces,
     Content.MCAP: _bag_pieces,
+    Content.ROSBAG1: _bag_pieces,
     Content.ROSBAG2: _bag_pieces,
 }
 _READERS: dict[Content, Reader] = {

@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -40,7 +39,7 @@ from trundle.adapters.mcap_records import (
 )
 from trundle.adapters.message_layout import Serialization
 from trundle.adapters.rosmsg import Struct, ros2_name, struct_type
-from trundle.adapters.topic_columns import LATEST, MessageBatch, TopicInfo
+from trundle.adapters.topic_columns import MessageBatch, TopicInfo, earliest_behind
 from trundle.errors import LogCorrupt, LogError, LogSchema, LogTruncated
 
 __all__ = ["MAGIC", "McapFile"]
@@ -194,8 +193,8 @@ class McapFile:
         numbers = {number for number, channel in self._channels.items() if channel.topic == topic}
         chunks = [chunk for chunk in self._chunks if numbers & chunk.channels.keys()]
         self._require_limits(chunks)
-        later = _later(chunk.first_of(numbers) for chunk in chunks)
-        for (chunk, content_of), later_ns in zip(self._prepared(chunks), later, strict=True):
+        behind = earliest_behind(chunk.first_of(numbers) for chunk in chunks)
+        for (chunk, content_of), later_ns in zip(self._prepared(chunks), behind, strict=True):
             try:
                 content = content_of()
                 yield replace(self._batch(chunk, content, numbers), later_ns=later_ns)
@@ -562,12 +561,6 @@ class McapFile:
             start = chunk.start - chunk.start % mmap.PAGESIZE
             indexes = [presence.index[1] for presence in chunk.channels.values() if presence.index]
             self._map.madvise(mmap.MADV_DONTNEED, start, max([chunk.stop, *indexes]) - start)
-
-
-def _later(first: Iterable[int]) -> list[int]:
-    """For each of several parts, the earliest beginning of those behind it; `LATEST` for the last."""
-    behind = accumulate(reversed([*first, LATEST]), min)
-    return list(behind)[-2::-1]
 
 
 def _seconds(stamp: int) -> str:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from trundle.adapters.archive import zip_names
 from trundle.adapters.chunk_compression import require_archive_growth
-from trundle.adapters.number_columns import kept_rows
+from trundle.adapters.number_columns import RowAccount
 from trundle.adapters.table import ColumnName, Rows, Wanted, column_index
 from trundle.errors import LogCorrupt, LogError, LogSchema
 
@@ -90,9 +90,7 @@ class NpzTable:
         if len(set(lengths.values())) > 1:
             rows = ", ".join(f"{name!r} {length}" for name, length in lengths.items())
             raise LogSchema(self.path, "type", f"its arrays have different numbers of rows: {rows}")
-        if not any(lengths.values()):
-            raise LogError(self.path, "empty", "holds no row")
-        return kept_rows(self.path, wanted, pieces)
+        return RowAccount(self.path, wanted).last(pieces)
 
     def _header(self, archive: zipfile.ZipFile, member: str) -> _Array:
         try:

@@ -20,7 +20,7 @@ from trundle.adapters.chunk_compression import decompress, require_growth, requi
 from trundle.adapters.damage import Damage, require_mapped
 from trundle.adapters.message_layout import Serialization
 from trundle.adapters.rosmsg import Struct, ros2_name, struct_type
-from trundle.adapters.topic_columns import MessageBatch, TopicInfo, rows_of
+from trundle.adapters.topic_columns import MessageBatch, TopicInfo, earliest_behind, rows_of
 from trundle.errors import LogCorrupt, LogError, LogSchema, LogTruncated
 
 __all__ = ["MAGIC", "Rosbag1File"]
@@ -90,6 +90,10 @@ class _Chunk:
     def count(self, numbers: set[int]) -> int:
         """Messages of these connections."""
         return sum(self.connections[number].count for number in numbers & self.connections.keys())
+
+    def first_of(self, numbers: set[int]) -> int:
+        """When the first message of these connections was received [ns]."""
+        return min(self.connections[number].first_ns for number in numbers & self.connections.keys())
 
 
 class _Cut(Exception):
@@ -167,13 +171,14 @@ class Rosbag1File:
         numbers = {number for number, connection in self._connections.items() if connection.topic == topic}
         chunks = [chunk for chunk in self._chunks if numbers & chunk.connections.keys()]
         self._require_limits(chunks)
-        for chunk in chunks:
+        behind = earliest_behind(chunk.first_of(numbers) for chunk in chunks)
+        for chunk, later_ns in zip(chunks, behind, strict=True):
             try:
                 content = self._content(chunk)
                 table = self._table(chunk, content, numbers)
                 if len(table) != chunk.count(numbers):
                     raise Damage(f"holds {len(table)} messages where its index says {chunk.count(numbers)}")  # noqa: TRY301
-                yield MessageBatch(table[:, 0], content, table[:, 1], table[:, 2])
+                yield MessageBatch(table[:, 0], content, table[:, 1], table[:, 2], later_ns)
             except (Damage, struct.error) as damage:
                 error = LogCorrupt(self.path, "corrupt", f"{chunk} {damage}")
                 self._lose(error, f"; {chunk.count(numbers)} messages of {topic} are lost")
@@ -282,6 +287,8 @@ class Rosbag1File:
                     raise LogError(self.path, "format", "is encrypted")
                 (self._index_position,) = struct.unpack("<Q", record.header.get("index_pos", b""))
             case _Kind.CHUNK:
+                for former in self._chunks[-1:]:  # whose index has been read as well by now
+                    self._release(former)
                 self._chunks.append(_chunk(record))
             case _Kind.INDEX:
                 self._take_index(record)
@@ -385,7 +392,8 @@ class Rosbag1File:
         """Let go of pages that were read, so that memory does not grow with the file."""
         if hasattr(self._map, "madvise"):
             start = chunk.start - chunk.start % mmap.PAGESIZE
-            self._map.madvise(mmap.MADV_DONTNEED, start, chunk.stop - start)
+            indexes = [presence.index[1] for presence in chunk.connections.values() if presence.index]
+            self._map.madvise(mmap.MADV_DONTNEED, start, max([chunk.stop, *indexes]) - start)
 
     def _lose(self, error: LogError, consequence: str) -> None:
         """Raise the error, or note the loss where salvage was asked for."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 import shutil
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
@@ -21,7 +22,7 @@ from trundle.adapters.chunk_compression import ZSTD_MAGIC, decompress_frame
 from trundle.adapters.damage import Damage
 from trundle.adapters.message_layout import Serialization
 from trundle.adapters.rosmsg import Struct, struct_type
-from trundle.adapters.topic_columns import MessageBatch, TopicInfo
+from trundle.adapters.topic_columns import EARLIEST, MessageBatch, TopicInfo, earliest_behind
 from trundle.errors import LogCorrupt, LogError, LogSchema, LogTruncated
 
 __all__ = ["MAGIC", "FolderListing", "Rosbag2Database", "list_folder", "unpacked"]
@@ -40,6 +41,7 @@ _DRIVES = {
     "ackermann_msgs/msg/AckermannDriveStamped": "std_msgs/Header header\nAckermannDrive drive\n",
 }
 
+_FIRST_ROW, _LAST_ROW = -(1 << 63) + 1, (1 << 63) - 1
 _PROBLEMS = (sqlite3.Error, UnicodeDecodeError)  # what sqlite3 raises, the second over its own error texts
 
 
@@ -62,6 +64,19 @@ class _Topic(NamedTuple):
     name: str
     type: str
     serialization: str
+
+
+class _Part(NamedTuple):
+    """Rows of messages from one number to another, both included."""
+
+    first: int
+    last: int
+    stamps: Mapping[int, tuple[int, int | None, int | None]]  # by topic: count, earliest and latest [ns]
+
+    def first_of(self, topics: list[int]) -> int:
+        """When the first message of these topics was received [ns]; ages ago where a stamp is no time."""
+        earliest = [self.stamps[number][1] for number in topics if number in self.stamps]
+        return min(EARLIEST if stamp is None else stamp for stamp in earliest)
 
 
 def list_folder(folder: Path) -> FolderListing:
@@ -132,6 +147,7 @@ class Rosbag2Database:
         self.losses: list[str] = []
         self.warnings = ["unverified: sqlite3 databases carry no checksums"]
         self._salvage = salvage
+        self._largest = 1 << 16  # bytes of a message, as long as none was read
         self._require_whole()
         with ExitStack() as stack:
             try:
@@ -172,15 +188,27 @@ class Rosbag2Database:
             LogCorrupt: If sqlite3 says so.
         """
         numbers = [entry.number for entry in self._topics if entry.name == topic]
-        rows = self._rows("timestamp, data", numbers)
-        size = 1 << 16
-        while taken := list(islice(rows, max(1, min(ROWS_AT_ONCE, BYTES_AT_ONCE // size)))):
+        parts = [part for part in self._parts if part.stamps.keys() & set(numbers)]
+        behind = earliest_behind(part.first_of(numbers) for part in parts)
+        for part, later_ns in zip(parts, behind, strict=True):
+            former: MessageBatch | None = None
+            for batch in self._part_batches(part, numbers):
+                if former is not None:
+                    yield former
+                former = batch
+            if former is not None:
+                yield replace(former, later_ns=later_ns)
+
+    def _part_batches(self, part: _Part, topics: list[int]) -> Iterator[MessageBatch]:
+        """Messages of a part, as many at a time as the largest of those before lets fit."""
+        rows = self._rows("timestamp, data", topics, part)
+        while taken := list(islice(rows, max(1, min(ROWS_AT_ONCE, BYTES_AT_ONCE // self._largest)))):
             good = [row for row in taken if isinstance(row[1], int) and isinstance(row[2], bytes)]
             if len(good) < len(taken):
                 self._lose("messages hold rows that are no messages", f"; {len(taken) - len(good)} are lost")
             if good:
                 _, stamps, contents = zip(*good, strict=True)
-                size = max(1, *map(len, contents))
+                self._largest = max(1, *map(len, contents))
                 yield _batch(np.array(stamps, np.int64), contents)
 
     # ------------------------------------------------------------------ the database
@@ -242,51 +270,69 @@ class Rosbag2Database:
         return {str(name): (str(encoding), str(text)) for name, encoding, text in rows if text}
 
     def _count(self) -> dict[str, TopicInfo]:
-        stamps: dict[int, list[Any]] = {}
-        query = "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages GROUP BY topic_id"
         try:
-            for number, count, first, last in self._database.execute(query):
-                stamps[number] = [
-                    count,
-                    *(stamp if isinstance(stamp, int) else None for stamp in (first, last)),
-                ]
+            self._parts = list(self._read_parts())
         except _PROBLEMS:
             if not self._salvage:
                 raise
-            stamps = self._count_rows()
+            self._parts = [self._count_rows()]
         topics: dict[str, TopicInfo] = {}
         for entry in self._topics:
-            info = TopicInfo(entry.type, *stamps.get(entry.number, (0, None, None)))
+            info = TopicInfo(entry.type, 0, None, None)
+            for part in self._parts:
+                if entry.number in part.stamps:
+                    info = info.joined(TopicInfo(entry.type, *part.stamps[entry.number]))
             topics[entry.name] = info.joined(topics[entry.name]) if entry.name in topics else info
         return topics
 
-    def _count_rows(self) -> dict[int, list[Any]]:
-        counts: dict[int, list[Any]] = {}
-        numbers = [entry.number for entry in self._topics]
-        for _, number, stamp in self._rows("topic_id, timestamp", numbers):
-            if isinstance(stamp, int):
-                count = counts.setdefault(number, [0, stamp, stamp])
-                count[:] = count[0] + 1, min(count[1], stamp), max(count[2], stamp)
-        return counts
+    def _read_parts(self) -> Iterator[_Part]:
+        """What there is in so many rows at a time, in the order of their numbers."""
+        next_row = "SELECT MIN(rowid) FROM messages WHERE rowid > ?"
+        query = (
+            "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages"
+            " WHERE rowid BETWEEN ? AND ? GROUP BY topic_id"
+        )
+        last = _FIRST_ROW - 1
+        while (first := self._database.execute(next_row, (last,)).fetchone()[0]) is not None:
+            last = min(first + ROWS_AT_ONCE - 1, _LAST_ROW)
+            found = self._database.execute(query, (first, last)).fetchall()
+            yield _Part(first, last, {number: (count, *map(_stamp, ends)) for number, count, *ends in found})
 
-    def _rows(self, columns: str, topics: list[int]) -> Iterator[tuple[Any, ...]]:
+    def _count_rows(self) -> _Part:
+        """What there is in all rows that can be read."""
+        stamps: dict[int, tuple[int, int, int]] = {}
+        everything = _Part(_FIRST_ROW, _LAST_ROW, {})
+        numbers = [entry.number for entry in self._topics]
+        for _, number, stamp in self._rows("topic_id, timestamp", numbers, everything):
+            if isinstance(stamp, int):
+                count, first, last = stamps.get(number, (0, stamp, stamp))
+                stamps[number] = count + 1, min(first, stamp), max(last, stamp)
+        return everything._replace(stamps=stamps)
+
+    def _rows(self, columns: str, topics: list[int], part: _Part) -> Iterator[tuple[Any, ...]]:
         """Rows of messages: from the first on and, behind damage, those that the last one leads to."""
         marks = ",".join("?" * len(topics))
-        query = f"SELECT rowid, {columns} FROM messages WHERE topic_id IN ({marks}) ORDER BY rowid"  # noqa: S608
-        last = -1
+        query = (
+            f"SELECT rowid, {columns} FROM messages"  # noqa: S608
+            f" WHERE rowid BETWEEN ? AND ? AND topic_id IN ({marks}) ORDER BY rowid"
+        )
+        last = part.first - 1
         try:
-            for row in self._database.execute(query, topics):
+            for row in self._database.execute(query, (part.first, part.last, *topics)):
                 last = row[0]
                 yield row
         except _PROBLEMS as error:
             self._lose(f"sqlite3 says behind row {last} of messages: {error}", "; rows behind it may be lost")
-            yield from self._rows_behind(last, columns, topics)
+            yield from self._rows_behind(last, columns, topics, part)
 
-    def _rows_behind(self, last: int, columns: str, topics: list[int]) -> Iterator[tuple[Any, ...]]:
+    def _rows_behind(
+        self, last: int, columns: str, topics: list[int], part: _Part
+    ) -> Iterator[tuple[Any, ...]]:
         behind: list[int] = []
         try:
             for (row,) in self._database.execute(
-                "SELECT rowid FROM messages WHERE rowid > ? ORDER BY rowid DESC", (last,)
+                "SELECT rowid FROM messages WHERE rowid > ? AND rowid <= ? ORDER BY rowid DESC",
+                (last, part.last),
             ):
                 behind.append(row)
         except _PROBLEMS:
@@ -306,6 +352,11 @@ class Rosbag2Database:
         sentence = f"{problem}{consequence}"
         if sentence not in self.losses:
             self.losses.append(sentence)
+
+
+def _stamp(value: object) -> int | None:
+    """A time, where it is one: sqlite3 keeps anything anywhere."""
+    return value if isinstance(value, int) else None
 
 
 def _batch(receive_ns: npt.NDArray[np.int64], contents: Sequence[bytes]) -> MessageBatch:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy.typing as npt
 
@@ -16,7 +16,7 @@ from trundle.adapters.numeral import Numeral
 from trundle.errors import LogError, LogSchema, listed, no_such
 from trundle.robot.log_mapping import TableFormat
 
-__all__ = ["ColumnName", "Rows", "Table", "Wanted", "column_index", "open_table"]
+__all__ = ["ColumnName", "LongTable", "Rows", "Table", "Wanted", "column_index", "open_table"]
 
 ColumnName: TypeAlias = str | int
 
@@ -68,6 +68,19 @@ class Table(Protocol):
         Raises:
             LogSchema: If one does not exist, is ambiguous, or holds nothing that could be read.
             LogError: If the file cannot be read, or has no rows (`empty`).
+        """
+
+
+@runtime_checkable
+class LongTable(Table, Protocol):
+    """A table that need not be held as a whole."""
+
+    def pieces(self, wanted: Sequence[Wanted], least: int) -> Iterator[Rows]:
+        """What `read` returns, at least so many rows at a time, but for the last ones, which tell of all.
+
+        Raises:
+            LogSchema: As `read`; what is true of all rows, at the end.
+            LogError: As `read`; when the piece comes that is at fault.
         """
 
 

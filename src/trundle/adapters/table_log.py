@@ -24,7 +24,7 @@ from trundle.adapters.doubts import WheelColumn, doubts
 from trundle.adapters.motive import is_motive, read_motive
 from trundle.adapters.numeral import Real, Stamp
 from trundle.adapters.reference import reference_trajectory
-from trundle.adapters.table import ColumnName, Rows, Table, Wanted, open_table
+from trundle.adapters.table import ColumnName, LongTable, Rows, Table, Wanted, open_table
 from trundle.adapters.text_table import TextTable
 from trundle.errors import ConfigError, LogSchema
 from trundle.records import Reading, Trajectory, WheelLog
@@ -34,6 +34,8 @@ from trundle.robot.log_mapping import Kind, LogMapping, ReferenceMapping, Scalar
 __all__ = ["has_reference", "read_table_log", "table_log_pieces", "wheel_log_of"]
 
 Array = npt.NDArray[Any]
+
+PIECE = 1 << 17  # rows: as many as it takes to tell what is doubtful about a log
 
 
 def read_table_log(path: Path, robot: Robot, mapping: LogMapping) -> WheelLog:
@@ -66,7 +68,7 @@ def has_reference(path: Path, robot: Robot, mapping: LogMapping) -> bool:
 
 
 def table_log_pieces(path: Path, robot: Robot, mapping: LogMapping) -> Iterator[WheelLog]:
-    """A table as a wheel log in pieces, in memory that does not depend on its length where it is text.
+    """A table as a wheel log in pieces, in memory that does not depend on its length if it is a `LongTable`.
 
     The first piece has the reference, and what is doubtful about the whole; the last one what was left out.
     A reference is held as a whole.
@@ -82,12 +84,12 @@ def table_log_pieces(path: Path, robot: Robot, mapping: LogMapping) -> Iterator[
         ConfigError: As for `read_table_log`.
     """
     table = open_table(path, mapping.table)
-    if not isinstance(table, TextTable):
+    if not isinstance(table, LongTable):
         yield wheel_log_of(table, robot, mapping)
         return
     plan = _Plan(table, robot, mapping)
     reference, warnings = _reference(table, plan)
-    for number, rows in enumerate(table.pieces(plan.wanted.columns)):
+    for number, rows in enumerate(table.pieces(plan.wanted.columns, PIECE)):
         log = plan.log(rows, is_first=not number)
         yield log if number else replace(log, reference=reference, warnings=(*log.warnings, *warnings))
 

@@ -33,7 +33,6 @@ Columns: TypeAlias = list[npt.NDArray[Any]]
 
 BLOCK = 1 << 17  # bytes at a time: what is made of them stays in the cache
 LONGEST_LINE = 1 << 20
-PIECE = 1 << 17  # rows: as many as it takes to tell what is doubtful about a log
 SAMPLE = 50  # lines that the shape of the table is read off
 NAMED = 5  # lines at fault that a warning names
 WORTH_PYARROW = 4 << 20  # bytes of a file, above which loading pyarrow pays
@@ -72,8 +71,8 @@ class TextTable:
         (rows,) = _Reading(self, wanted).pieces(None)
         return rows
 
-    def pieces(self, wanted: Sequence[Wanted], least: int = PIECE) -> Iterator[Rows]:
-        """What `read` returns, so many rows at a time; the last piece tells what was left out of all."""
+    def pieces(self, wanted: Sequence[Wanted], least: int) -> Iterator[Rows]:
+        """See `LongTable`."""
         return _Reading(self, wanted).pieces(least)
 
     @property

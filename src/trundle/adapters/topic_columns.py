@@ -8,8 +8,9 @@ form groups of their own.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -27,6 +28,7 @@ __all__ = [
     "MessageBatch",
     "TopicColumns",
     "TopicInfo",
+    "earliest_behind",
     "rows_of",
 ]
 
@@ -104,6 +106,12 @@ class MessageBatch:
     starts: npt.NDArray[np.int64]
     sizes: npt.NDArray[np.int64]
     later_ns: int = EARLIEST
+
+
+def earliest_behind(first_ns: Iterable[int]) -> list[int]:
+    """For each of several parts, the earliest beginning of those behind it; `LATEST` for the last."""
+    behind = accumulate(reversed([*first_ns, LATEST]), min)
+    return list(behind)[-2::-1]
 
 
 class ColumnDecoder:
