@@ -21,7 +21,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from trundle.adapters.log import read_log
 from trundle.adapters.mcap_writer import Channel, McapWriter
-from trundle.errors import LogError
+from trundle.apps.cli import main
+from trundle.errors import LogError, LogTruncated
 from trundle.robot import Differential
 
 MOST_MEMORY = 300  # MiB
@@ -279,20 +280,34 @@ def table(rows: int) -> list[bytes]:
     return [line.encode() for line in ("time,left.position,right.position\n", *cells)]
 
 
+def is_row(line: bytes) -> bool:
+    """Whether a line that does not end may be a whole row: three numbers."""
+    cells = line.split(b",")
+    try:
+        return len(cells) == 3 and bool([float(cell) for cell in cells])
+    except ValueError:
+        return False
+
+
 def check_cut(path: Path, lines: list[bytes], cut: int) -> None:
     """Of a table that is cut anywhere, every row that ends is read, and what is left of one more is named."""
     ends = np.cumsum([len(line) for line in lines])
     whole = int(np.searchsorted(ends, cut, side="right")) - 1  # rows below the header
     path.write_bytes(b"".join(lines)[:cut])
-    try:
-        log = read_log(path, DRIVE)
-    except LogError:
-        assert whole < 1
+    if whole < 1:
+        with pytest.raises(LogError):
+            read_log(path, DRIVE)
         return
+    torn = path.read_bytes().rpartition(b"\n")[2]
+    if torn and not is_row(torn):
+        with pytest.raises(LogTruncated, match=f"ends at byte {cut}, inside line {whole + 2}"):
+            read_log(path, DRIVE)
+    log = read_log(path, DRIVE, salvage=bool(torn) and not is_row(torn))
     assert len(log) == whole
     expected = [[float(cell) for cell in line.split(b",")] for line in lines[1 : whole + 1]]
     assert log.wheels.tolist() == [row[1:] for row in expected]
     is_cut = cut not in ends
+    assert bool(log.losses) == is_cut
     assert dict(log.rejected) == ({"unfinished": 1} if is_cut else {})
     assert any("the file ends inside it" in warning for warning in log.warnings) == is_cut
 
@@ -301,6 +316,39 @@ def test_cut_tables_lose_no_row_that_ends(tmp_path):
     lines = table(100)
     for cut in np.random.default_rng(0).choice(sum(map(len, lines)), 200, replace=False).tolist():
         check_cut(tmp_path / "cut.csv", lines, cut)
+
+
+@pytest.mark.parametrize(
+    ("name", "cut", "codes"),
+    [
+        pytest.param("run.csv", 0, (0, 0), id="L2-text-whole"),
+        pytest.param("run.csv", 1, (4, 4), id="L2-text-perhaps"),
+        pytest.param("run.csv", 25, (3, 4), id="L2-text"),
+        pytest.param("run.jsonl", 1, (0, 0), id="L2-json-whole"),
+        pytest.param("run.jsonl", 2, (3, 4), id="L2-json"),
+    ],
+)
+@pytest.mark.parametrize("long", [1, 1 << 30], ids=["pieces", "whole"])
+def test_cut_tables_by_command(name, cut, codes, long, tmp_path, monkeypatch, capsys):
+    """Refused where rows are certainly missing; with `--salvage`, and where one may be, exit code 4."""
+    monkeypatch.setattr("trundle.adapters.log.LONG", long)
+    lines = table(100)
+    if name == "run.jsonl":
+        keys, *rows = [line.decode().strip().split(",") for line in lines]
+        objects = [dict(zip(keys, map(float, row), strict=True)) for row in rows]
+        lines = [f"{json.dumps(one)}\n".encode() for one in objects]
+    content = b"".join(lines)
+    log, robot, output = tmp_path / name, tmp_path / "robot.yaml", tmp_path / "out.csv"
+    log.write_bytes(content[: len(content) - cut])
+    robot.write_text(ROBOT.partition("log:")[0])
+    for way, code in zip(([], ["--salvage"]), codes, strict=True):
+        assert main(["track", str(log), "--robot", str(robot), "-o", str(output), "--force", *way]) == code
+        assert output.exists() == (code != 3)
+        said = capsys.readouterr().err
+        assert (f"ends at byte {len(content) - cut}" in said) == (code != 0)
+    assert main(["info", str(log)]) == codes[1]
+    if codes[1]:
+        assert len(output.read_text().splitlines()) == 100
 
 
 @pytest.mark.verify

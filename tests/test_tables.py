@@ -266,6 +266,19 @@ def survived(content, *words, rejected, table_format=None):
     return check
 
 
+def ended(content, *, is_cut, table_format=None):
+    """A check that row (1, 2) is read, and the one in which the file ends is left out and told of."""
+
+    def check(folder: Path) -> None:
+        rows = read(write(folder, content), AB, table_format)
+        np.testing.assert_array_equal(rows.columns, [[1.0], [2.0]])
+        assert dict(rows.rejected) == {"unfinished": 1}
+        assert rows.ending.is_cut is is_cut
+        assert f"ends at byte {len(content)}, {'inside' if is_cut else 'behind'} line 3" in rows.ending.loss
+
+    return check
+
+
 def parquet_with_a_name_of_no_text(folder: Path) -> None:
     pa, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     path = folder / "run.parquet"
@@ -287,6 +300,16 @@ FAULTS = {
     "L1-folder": refused(FOLDER, "not_a_file"),
     "L1-pipe": refused(PIPE, "not_a_file"),
     "L1-missing": refused(NOTHING, "not_a_file", "no such file"),
+    "L2-row": ended(b"a,b\n1,2\n3", is_cut=True),
+    "L2-sign": ended(b"a,b\n1,2\n3,-", is_cut=True),
+    "L2-quote": ended(b'a,b\n1,2\n"3","4', is_cut=True),
+    "L2-nul": ended(b"a,b\n1,2\n3,4\0", is_cut=True),
+    "L2-utf8": ended("a,b\n1,2\n3,\uff14".encode()[:-1], is_cut=True),
+    "L2-utf16": ended("a,b\n1,2\n3,4\n".encode("utf-16")[:-1], is_cut=True),
+    "L2-perhaps": ended(b"a,b\n1,2\n3,4", is_cut=False),
+    "L2-perhaps-utf16": ended("a,b\n1,2\n3,4".encode("utf-16"), is_cut=False),
+    "L2-not": survived(b"a,b\n1,2\n5,6\n# the end", rejected=0),
+    "L2-not-dos": survived(b"a,b\r\n1,2\r\n5,6\r\n\x1a", rejected=0),
     "L7-parquet-name": parquet_with_a_name_of_no_text,
     "L7-text-as-parquet": refused(b"a,b\n1,2\n", "format", "Parquet", name="table.parquet"),
     "L7-text-as-mcap": refused(b"a,b\n1,2\n", "format", "MCAP", name="run.mcap"),
@@ -320,7 +343,6 @@ FAULTS = {
     "L10-utf16-unmarked": refused("a,b\n1,2\n".encode("utf-16-le"), "encoding", "UTF-8"),
     "L10-utf32": refused("a,b\n1,2\n".encode("utf-32"), "encoding", "UTF-32"),
     "L10-cr-alone": refused(b"a,b\r1,2\r", "encoding", "CR alone"),
-    "L10-utf16-cut": refused("a,b\n1,2\n".encode("utf-16")[:-1], "encoding"),
     "L10-latin1": refused(b"a\xb0,b\n1,2\n", "encoding", "line 1"),
     "L11-semicolons": refused(b"a;b\n1;2\n3;4\n", "column", "delimited by", "log.table.delimiter"),
     "L11-tabs": refused(b"a\tb\n1\t2\n", "column", "log.table.delimiter"),

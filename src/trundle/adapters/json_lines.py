@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trundle.adapters.numeral import Beyond, Nonfinite, plain
-from trundle.adapters.table import ColumnName, Rows, Wanted, column_index
+from trundle.adapters.table import ColumnName, Ending, Rows, Wanted, column_index
 from trundle.errors import LogError, LogLimit, LogSchema
 
 __all__ = ["JsonTable"]
@@ -38,6 +38,12 @@ _REASONS: dict[type[ValueError], str] = {Nonfinite: "nonfinite", Beyond: "time_r
 
 class _Number(str):
     """A number as it is written."""
+
+    __slots__ = ()
+
+
+class _Unfinished(str):
+    """What is wrong with a line inside which the file ends."""
 
     __slots__ = ()
 
@@ -99,7 +105,8 @@ class JsonTable:
                         problem = f"line {number} holds an object of more than {LONGEST_OBJECT} characters"
                         raise LogLimit(self.path, "line", problem)
                     number += ends
-                yield from ((number, values) for values in _Objects(rest, ends=True))
+                # What has not become an object by now is none, and no line ends behind it.
+                yield from ((number, _Unfinished(values)) for values in _Objects(rest, ends=True))
         except OSError as error:
             raise LogError(self.path, "unreadable", f"cannot be read: {error.strerror or error}") from error
 
@@ -178,6 +185,7 @@ class _Reading:
         self.held: dict[str, str] = {}
         self.rejected: Counter[str] = Counter()
         self.faults: list[str] = []
+        self.ending: Ending | None = None
 
     def pieces(self, objects: Iterator[_Found], least: int | None) -> Iterator[Rows]:
         """At least so many rows at a time, but for the last piece; without a number all at once."""
@@ -198,12 +206,14 @@ class _Reading:
                 )
         rest = _joined(parts)
         self._check(count + (len(rest[0]) if rest else 0))
-        yield Rows(rest, self.rejected, self._warnings())
+        yield Rows(rest, self.rejected, self._warnings(), self.ending)
 
     def _tokens(self, line: int, values: Mapping[str, Any] | str) -> list[bytes] | None:
         """The wanted numbers of an object, as they are written; None where it lacks one."""
+        if isinstance(values, _Unfinished):
+            self.ending = Ending(f"ends at byte {self.path.stat().st_size}, inside line {line}", is_cut=True)
         if isinstance(values, str):
-            self._reject(line, "parse", values)
+            self._reject(line, "unfinished" if self.ending else "parse", values)
             return None
         tokens = []
         for name, want in zip(self.names, self.wanted, strict=True):

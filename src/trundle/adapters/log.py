@@ -117,10 +117,10 @@ def _size(path: Path) -> int:
     return sum(file.stat().st_size for file in (path.iterdir() if path.is_dir() else (path,)))
 
 
-def _table_pieces(path: Path, robot: Robot, _salvage: bool) -> Iterator[WheelLog]:
+def _table_pieces(path: Path, robot: Robot, salvage: bool) -> Iterator[WheelLog]:
     from trundle.adapters.table_log import table_log_pieces
 
-    return table_log_pieces(path, robot, robot.log)
+    return table_log_pieces(path, robot, robot.log, salvage=salvage)
 
 
 def _bag_pieces(path: Path, robot: Robot, salvage: bool) -> Iterator[WheelLog]:
@@ -187,10 +187,10 @@ def _while_same(file: SteadyFile, log: WheelLog, *, salvage: bool) -> WheelLog:
     return log
 
 
-def _read_table(path: Path, robot: Robot, mapping: LogMapping, _salvage: bool) -> WheelLog:
+def _read_table(path: Path, robot: Robot, mapping: LogMapping, salvage: bool) -> WheelLog:
     from trundle.adapters.table_log import read_table_log
 
-    return read_table_log(path, robot, mapping)
+    return read_table_log(path, robot, mapping, salvage=salvage)
 
 
 def _read_bag(path: Path, robot: Robot, mapping: LogMapping, salvage: bool) -> WheelLog:

@@ -16,7 +16,7 @@ from trundle.adapters.numeral import Numeral
 from trundle.errors import LogError, LogSchema, listed, no_such
 from trundle.robot.log_mapping import TableFormat
 
-__all__ = ["ColumnName", "LongTable", "Rows", "Table", "Wanted", "column_index", "open_table"]
+__all__ = ["ColumnName", "Ending", "LongTable", "Rows", "Table", "Wanted", "column_index", "open_table"]
 
 ColumnName: TypeAlias = str | int
 
@@ -37,6 +37,26 @@ class Wanted:
 
 
 @dataclass(frozen=True, slots=True)
+class Ending:
+    """The end of a file that does not end with a whole row.
+
+    Attributes:
+        words: `ends at byte 1027, inside line 33`.
+        is_cut: Whether that line is certainly no whole row; else it looks like one.
+    """
+
+    words: str
+    is_cut: bool
+
+    @property
+    def loss(self) -> str:
+        """What is missing, as a sentence."""
+        if self.is_cut:
+            return f"{self.words}; what came behind is lost"
+        return f"{self.words} and without a line break; that row is left out, as its last number may be cut"
+
+
+@dataclass(frozen=True, slots=True)
 class Rows:
     """What was read.
 
@@ -44,11 +64,13 @@ class Rows:
         columns: In the order in which they were wanted, all of one length.
         rejected: Rows that were left out, by reason: `parse`, `nonfinite`.
         warnings: Which rows, and why, as sentences.
+        ending: How the file ends, if not as it should.
     """
 
     columns: tuple[npt.NDArray[Any], ...]
     rejected: Counter[str] = field(default_factory=Counter)
     warnings: tuple[str, ...] = ()
+    ending: Ending | None = None
 
 
 class Table(Protocol):

@@ -26,7 +26,7 @@ from trundle.adapters.numeral import Real, Stamp
 from trundle.adapters.reference import reference_trajectory
 from trundle.adapters.table import ColumnName, LongTable, Rows, Table, Wanted, open_table
 from trundle.adapters.text_table import TextTable
-from trundle.errors import ConfigError, LogSchema
+from trundle.errors import ConfigError, LogSchema, LogTruncated
 from trundle.records import Reading, Trajectory, WheelLog
 from trundle.robot import Robot
 from trundle.robot.log_mapping import Kind, LogMapping, ReferenceMapping, ScalarMapping, TimeMapping, Unit
@@ -38,7 +38,7 @@ Array = npt.NDArray[Any]
 PIECE = 1 << 17  # rows: as many as it takes to tell what is doubtful about a log
 
 
-def read_table_log(path: Path, robot: Robot, mapping: LogMapping) -> WheelLog:
+def read_table_log(path: Path, robot: Robot, mapping: LogMapping, *, salvage: bool = False) -> WheelLog:
     """A table as a wheel log.
 
     What the mapping does not name is looked for under Trundle's own column names.
@@ -47,13 +47,15 @@ def read_table_log(path: Path, robot: Robot, mapping: LogMapping) -> WheelLog:
         path: Text or Parquet.
         robot: Whose wheels it holds.
         mapping: Where they stand.
+        salvage: Read what there is of a file that was cut; `losses` then say so.
 
     Raises:
+        LogTruncated: If the file ends inside a row.
         LogSchema: If a column is missing or ambiguous, or cannot be in its unit.
         LogError: If the file cannot be read.
         ConfigError: If the mapping does not fit the robot, or is one of topics.
     """
-    return wheel_log_of(open_table(path, mapping.table), robot, mapping)
+    return wheel_log_of(open_table(path, mapping.table), robot, mapping, salvage=salvage)
 
 
 def has_reference(path: Path, robot: Robot, mapping: LogMapping) -> bool:
@@ -67,7 +69,9 @@ def has_reference(path: Path, robot: Robot, mapping: LogMapping) -> bool:
     return _Plan(open_table(path, mapping.table), robot, mapping).mapping.reference is not None
 
 
-def table_log_pieces(path: Path, robot: Robot, mapping: LogMapping) -> Iterator[WheelLog]:
+def table_log_pieces(
+    path: Path, robot: Robot, mapping: LogMapping, *, salvage: bool = False
+) -> Iterator[WheelLog]:
     """A table as a wheel log in pieces, in memory that does not depend on its length if it is a `LongTable`.
 
     The first piece has the reference, and what is doubtful about the whole; the last one what was left out.
@@ -77,6 +81,7 @@ def table_log_pieces(path: Path, robot: Robot, mapping: LogMapping) -> Iterator[
         path: As for `read_table_log`.
         robot: As for `read_table_log`.
         mapping: As for `read_table_log`.
+        salvage: As for `read_table_log`.
 
     Raises:
         LogSchema: As for `read_table_log`; when the piece comes that is at fault.
@@ -85,18 +90,18 @@ def table_log_pieces(path: Path, robot: Robot, mapping: LogMapping) -> Iterator[
     """
     table = open_table(path, mapping.table)
     if not isinstance(table, LongTable):
-        yield wheel_log_of(table, robot, mapping)
+        yield wheel_log_of(table, robot, mapping, salvage=salvage)
         return
-    plan = _Plan(table, robot, mapping)
+    plan = _Plan(table, robot, mapping, salvage=salvage)
     reference, warnings = _reference(table, plan)
     for number, rows in enumerate(table.pieces(plan.wanted.columns, PIECE)):
         log = plan.log(rows, is_first=not number)
         yield log if number else replace(log, reference=reference, warnings=(*log.warnings, *warnings))
 
 
-def wheel_log_of(table: Table, robot: Robot, mapping: LogMapping) -> WheelLog:
+def wheel_log_of(table: Table, robot: Robot, mapping: LogMapping, *, salvage: bool = False) -> WheelLog:
     """An open table as a wheel log; see `read_table_log`."""
-    plan = _Plan(table, robot, mapping)
+    plan = _Plan(table, robot, mapping, salvage=salvage)
     rows = table.read(plan.wanted.columns)
     log = plan.log(rows)
     reference, warnings = _reference(table, plan)
@@ -115,8 +120,9 @@ class _Plan:
         wanted: The columns.
     """
 
-    def __init__(self, table: Table, robot: Robot, mapping: LogMapping) -> None:
+    def __init__(self, table: Table, robot: Robot, mapping: LogMapping, *, salvage: bool = False) -> None:
         path = table.path
+        self.salvage = salvage
         dialect = table.dialect_hint if isinstance(table, TextTable) else ""
         self.declared_time = mapping.time
         mapping = with_default_columns(mapping, robot, path, table.names, dialect)
@@ -139,7 +145,7 @@ class _Plan:
         self.twist = _twist_columns(path, mapping)
         for column in self.twist:
             wanted.add(f"log.twist.{column}", Wanted(column, Real()))
-        self._elapsed = 0  # [ns], where the table says how long each row took
+        self._elapsed = 0  # [ns], of the last row
 
     @np.errstate(over="ignore", invalid="ignore")
     def log(self, rows: Rows, *, is_first: bool = True) -> WheelLog:
@@ -149,6 +155,7 @@ class _Plan:
         time_ns, seconds = _times(path, take("time"), self.time, self._elapsed)
         if len(time_ns):
             self._elapsed = int(time_ns[-1])
+        losses = self._losses(rows)
         if is_first:
             check_time(path, time_ns, self.time.unit)
         for name, scalar in mapping.steering.items():
@@ -171,9 +178,24 @@ class _Plan:
             yaw_rate=None if mapping.gyro is None else take("log.gyro"),
             twists=_beside([take(f"log.twist.{column}") for column in self.twist]),
             rejected=rows.rejected,
-            warnings=(*rows.warnings, *doubtful),
+            warnings=(*losses, *rows.warnings, *doubtful),
+            losses=losses,
             source=str(path),
         )
+
+    def _losses(self, rows: Rows) -> tuple[str, ...]:
+        """What is missing at the end of the file, of which these are the last rows.
+
+        Raises:
+            LogTruncated: If that is certain, and not to be salvaged.
+        """
+        if rows.ending is None:
+            return ()
+        if rows.ending.is_cut and not self.salvage:
+            seconds, nanoseconds = divmod(self._elapsed, 1_000_000_000)
+            until = f"the rows before it reach until {seconds}.{nanoseconds:09} s"
+            raise LogTruncated(self.path, "truncated", f"{rows.ending.words}; {until}")
+        return (rows.ending.loss,)
 
 
 def _times(path: Path, column: Array, mapping: TimeMapping, elapsed: int = 0) -> tuple[Array, Array | None]:

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from trundle.adapters.arrow_column import numbers_of
 from trundle.adapters.numeral import Beyond, Nonfinite, Numeral, Real, plain
-from trundle.adapters.table import ColumnName, Rows, Wanted, column_index
+from trundle.adapters.table import ColumnName, Ending, Rows, Wanted, column_index
 from trundle.errors import LogError, LogLimit, LogSchema
 from trundle.robot.log_mapping import TableFormat
 
@@ -33,6 +33,7 @@ Columns: TypeAlias = list[npt.NDArray[Any]]
 
 BLOCK = 1 << 17  # bytes at a time: what is made of them stays in the cache
 LONGEST_LINE = 1 << 20
+CTRL_Z = b"\x1a"  # DOS ends texts with it
 SAMPLE = 50  # lines that the shape of the table is read off
 NAMED = 5  # lines at fault that a warning names
 WORTH_PYARROW = 4 << 20  # bytes of a file, above which loading pyarrow pays
@@ -160,6 +161,7 @@ class _Reading:
         self.rejected: Counter[str] = Counter()
         self.faults: list[tuple[int, str]] = []
         self.foreign_decimals = 0
+        self.ending: Ending | None = None
 
     def pieces(self, least: int | None) -> Iterator[Rows]:
         """At least so many rows at a time, but for the last piece; without a number all at once."""
@@ -179,16 +181,30 @@ class _Reading:
             self.faults = sorted(self.faults)[:NAMED]
         rest = _joined(parts)
         self._check(count + (len(rest[0]) if rest else 0))
-        yield Rows(rest, self.rejected, self._warnings())
+        yield Rows(rest, self.rejected, self._warnings(), self.ending)
 
     def _finished(self, blocks: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
         """Lines that end. Of one that does not, the last number may be cut and still look like a number."""
         for first, block in blocks:
             *whole, rest = block.rpartition(b"\n")
             last = first + block.count(b"\n")
-            if self.table.lines(last, rest):
+            for line in self.table.lines(last, rest.rstrip(CTRL_Z)):
                 self._reject(last, "unfinished", "the file ends inside it, so its last number may be cut")
+                size, is_cut = self.table.path.stat().st_size, not self._is_row(line)
+                where = "inside" if is_cut else "behind"
+                self.ending = Ending(f"ends at byte {size}, {where} line {last}", is_cut)
             yield first, b"".join(whole)
+
+    def _is_row(self, line: Line) -> bool:
+        """Whether a line looks like a whole row."""
+        if len(line[1]) != len(self.table.names):
+            return False
+        self._fill([line])
+        try:
+            self._columns([line])
+        except ValueError:
+            return False
+        return True
 
     def _shaped(self, lines: list[Line]) -> list[Line]:
         """The lines with as many cells as the table has columns, held values filled in."""
@@ -382,7 +398,8 @@ def _pieces(path: Path) -> Iterator[bytes]:
                 while piece:
                     yield decoder.decode(piece).encode()
                     piece = file.read(BLOCK)
-                decoder.decode(b"", final=True)
+                if decoder.getstate()[0]:  # the file ends inside a character
+                    yield "\N{REPLACEMENT CHARACTER}".encode()
                 return
             piece = piece.removeprefix(codecs.BOM_UTF8)
             while piece:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from trundle.adapters.bag import BagReader
-    from trundle.adapters.table import Table
+    from trundle.adapters.table import Ending, Table
     from trundle.adapters.wpilog import WpilogFile
     from trundle.apps.log_proposal import Column, Proposal, Topic
     from trundle.robot import Robot
@@ -142,7 +142,10 @@ class _TableReport:
         self.warnings: list[str] = []
         self.losses: list[str] = []
         written = seeming_format(log) if content is Content.TEXT else TableFormat()
-        columns = _columns(Tub(log) if content is Content.TUB else open_table(log, written))
+        columns, ending = _columns(Tub(log) if content is Content.TUB else open_table(log, written))
+        if ending is not None:
+            self.losses.append(ending.loss)
+            self.warnings.append(ending.loss)
         if all(column.values is None for column in columns):
             raise LogError(log, "format", "is text, but no column of it holds numbers")
         measuring = None if robot is None else robot.measuring
@@ -178,8 +181,8 @@ class _TableReport:
         return str(column.name), f"{column.values.min():.6g}", f"{column.values.max():.6g}", role
 
 
-def _columns(table: Table) -> list[Column]:
-    """Every column by itself, so that what is wrong with one costs no row of another."""
+def _columns(table: Table) -> tuple[list[Column], Ending | None]:
+    """Every column by itself, so that what is wrong with one costs no row of another; and the file's end."""
     from trundle.adapters.numeral import Real
     from trundle.adapters.table import Wanted
     from trundle.apps.log_proposal import Column
@@ -189,10 +192,11 @@ def _columns(table: Table) -> list[Column]:
     try:
         together = table.read(wanted)
         if not together.rejected:
-            return [Column(name, values) for name, values in zip(table.names, together.columns, strict=True)]
+            columns = [Column(*pair) for pair in zip(table.names, together.columns, strict=True)]
+            return columns, together.ending
     except LogSchema:
         pass
-    columns = []
+    columns, endings = [], []
     for name, want in zip(table.names, wanted, strict=True):
         try:
             rows = table.read([want])
@@ -200,7 +204,8 @@ def _columns(table: Table) -> list[Column]:
             columns.append(Column(name, None))
         else:
             columns.append(Column(name, rows.columns[0], rows.rejected.total()))
-    return columns
+            endings.append(rows.ending)
+    return columns, max(filter(None, endings), key=lambda ending: ending.is_cut, default=None)
 
 
 class _BagReport:
