@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -410,6 +411,29 @@ def write_parquet(path: Path) -> None:
             writer.write_table(pa.Table.from_arrays(columns, schema=schema))
 
 
+def write_loose(path: Path) -> None:
+    """An MCAP without chunks, under one checksum."""
+    one, change = joint_state(Stores.ROS2_HUMBLE)
+    kind, crc = "sensor_msgs/msg/JointState", 0
+    schema, _ = get_typestore(Stores.ROS2_HUMBLE).generate_msgdef(kind, ros_version=2)
+    schema_record = struct.pack("<H", 1) + words(kind.encode()) + words(b"ros2msg") + words(schema.encode())
+    channel = struct.pack("<HH", 1, 1) + words(b"/joint_states") + words(b"cdr") + words(b"")
+    before = np.frombuffer(record(0x05, struct.pack("<HIQQ", 1, 0, 0, 0) + one.tobytes())[:31], np.uint8)
+    with path.open("wb") as file:
+        content = mcap(record(0x03, schema_record), record(0x04, channel))
+        for start in range(0, 4_000_000, 100_000):
+            k = np.arange(start, start + 100_000)
+            heads = np.tile(before, (len(k), 1))
+            heads[:, 15:23] = heads[:, 23:31] = (
+                (10**18 + 10_000_000 * k).astype("<u8")[:, None].view(np.uint8)
+            )
+            content += np.concatenate([heads, change(np.tile(one, (len(k), 1)), k)], axis=1).tobytes()
+            crc = zlib.crc32(content, crc)
+            file.write(content)
+            content = b""
+        file.write(record(0x0F, struct.pack("<I", crc)) + record(0x02, bytes(20)) + b"\x89MCAP0\r\n")
+
+
 def write_database(path: Path) -> None:
     path.mkdir()
     one, change = joint_state(Stores.ROS2_HUMBLE)
@@ -499,6 +523,7 @@ def write_rosbag1(path: Path) -> None:
         pytest.param("run.jsonl", write_objects, ROBOT.partition("log:")[0], id="L15-json"),
         pytest.param("run.parquet", write_parquet, ROBOT.partition("log:")[0], id="L15-parquet"),
         pytest.param("run.mcap", write_joints, ROBOT, id="L15-mcap"),
+        pytest.param("run.mcap", write_loose, ROBOT, id="L15-mcap-without-chunks"),
         pytest.param("run", write_database, ROBOT, id="L15-sqlite3"),
         pytest.param("run.bag", write_rosbag1, ROBOT, id="L15-rosbag1"),
     ],

@@ -328,7 +328,7 @@ class McapFile:
             case Kind.MESSAGE:
                 self._take_message(record)
             case Kind.CHUNK:
-                self._take_chunk(record)
+                self._begin(self._chunk(record))
             case Kind.MESSAGE_INDEX:
                 self._take_message_index(record)
             case Kind.CHUNK_INDEX:
@@ -340,10 +340,10 @@ class McapFile:
             case Kind.FOOTER:
                 self._take_footer(record)
 
-    def _take_chunk(self, record: Record) -> None:
+    def _begin(self, chunk: _Chunk) -> None:
         for former in self._chunks[-1:]:  # whose index has been read as well by now
             self._release(former)
-        self._chunks.append(self._chunk(record))
+        self._chunks.append(chunk)
 
     def _take_message(self, record: Record) -> None:
         last = self._chunks[-1] if self._chunks else None
@@ -352,7 +352,7 @@ class McapFile:
             last.size = last.stored = last.stop - last.start
             return
         size = record.stop - record.position
-        self._chunks.append(_Chunk(record.position, record.position, record.stop, size, size, is_loose=True))
+        self._begin(_Chunk(record.position, record.position, record.stop, size, size, is_loose=True))
 
     def _chunk(self, record: Record) -> _Chunk:
         fields = RecordFields(self._data, record)
@@ -393,8 +393,16 @@ class McapFile:
         if any(chunk.is_loose for chunk in self._chunks):
             if not crc:
                 self.warnings.append("unverified: messages outside chunks carry no checksum")
-            elif crc32(self._data[: record.position].data) != crc:
+            elif self._checksum(record.position) != crc:
                 raise Damage("does not have the checksum (CRC) of the data before it")
+
+    def _checksum(self, stop: int) -> int:
+        """CRC of all bytes before one."""
+        crc = 0
+        for start in range(0, stop, LOOSE_SECTION):
+            crc = crc32(self._data[start : min(start + LOOSE_SECTION, stop)].data, crc)
+            self._let_go(start, start + LOOSE_SECTION)
+        return crc
 
     def _take_footer(self, record: Record) -> None:
         start, _, crc = RecordFields(self._data, record).take("<QQI")
@@ -556,11 +564,14 @@ class McapFile:
         self.losses.append(f"{error.problem}{consequence}")
 
     def _release(self, chunk: _Chunk) -> None:
+        indexes = [presence.index[1] for presence in chunk.channels.values() if presence.index]
+        self._let_go(chunk.start, max([chunk.stop, *indexes]))
+
+    def _let_go(self, start: int, stop: int) -> None:
         """Let go of pages that were read, so that memory does not grow with the file."""
         if hasattr(self._map, "madvise"):
-            start = chunk.start - chunk.start % mmap.PAGESIZE
-            indexes = [presence.index[1] for presence in chunk.channels.values() if presence.index]
-            self._map.madvise(mmap.MADV_DONTNEED, start, max([chunk.stop, *indexes]) - start)
+            start -= start % mmap.PAGESIZE
+            self._map.madvise(mmap.MADV_DONTNEED, start, min(stop, len(self._map)) - start)
 
 
 def _seconds(stamp: int) -> str:
