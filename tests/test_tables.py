@@ -288,6 +288,24 @@ def parquet_with_a_name_of_no_text(folder: Path) -> None:
         read(path, AB, None)
 
 
+def parquet_flipped(folder: Path) -> None:
+    """One bit in 79: none changes a number unnoticed."""
+    pa, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    path = folder / "run.parquet"
+    a, b = np.arange(100) * 0.02, np.sin(np.arange(100))
+    parquet.write_table(pa.table({"a": a.tolist(), "b": b.tolist()}), path, write_page_checksum=True)
+    whole, refused = path.read_bytes(), 0
+    for bit in range(0, 8 * len(whole), 79):
+        changed = bytearray(whole)
+        changed[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(changed)
+        try:
+            np.testing.assert_array_equal(read(path, AB, None).columns, [a, b])
+        except LogError:
+            refused += 1
+    assert refused > 100
+
+
 def junk(cell: str):
     content = f"a,b\n1,2\n3,{cell}\n5,6\n".encode()
     return survived(content, "line 3", "'b'", rejected=1)
@@ -310,6 +328,7 @@ FAULTS = {
     "L2-perhaps-utf16": ended("a,b\n1,2\n3,4".encode("utf-16"), is_cut=False),
     "L2-not": survived(b"a,b\n1,2\n5,6\n# the end", rejected=0),
     "L2-not-dos": survived(b"a,b\r\n1,2\r\n5,6\r\n\x1a", rejected=0),
+    "L3-parquet": parquet_flipped,
     "L7-parquet-name": parquet_with_a_name_of_no_text,
     "L7-text-as-parquet": refused(b"a,b\n1,2\n", "format", "Parquet", name="table.parquet"),
     "L7-text-as-mcap": refused(b"a,b\n1,2\n", "format", "MCAP", name="run.mcap"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,10 @@ BUFFER = 1 << 20  # bytes of a column that are read at a time
 
 
 class ParquetTable:
-    """A Parquet file with columns of numbers; missing values are rows that cannot be read."""
+    """A Parquet file with columns of numbers; missing values are rows that cannot be read.
+
+    Checksums of its pages are checked where it has them.
+    """
 
     def __init__(self, path: Path) -> None:
         try:
@@ -66,11 +70,12 @@ class ParquetTable:
         import pyarrow as pa
         from pyarrow import parquet
 
+        opened = partial(parquet.ParquetFile, page_checksum_verification=True)
         with self.path.open("rb") as file, _reading(self.path):
             if least is None:
-                yield parquet.ParquetFile(file).read(columns=names)
+                yield opened(file).read(columns=names)
                 return
-            content = parquet.ParquetFile(file, pre_buffer=False, buffer_size=BUFFER)
+            content = opened(file, pre_buffer=False, buffer_size=BUFFER)
             batches = content.iter_batches(least, columns=names)
             yield from (pa.Table.from_batches([batch], batch.schema) for batch in batches)
             if not content.metadata.num_rows:

@@ -83,9 +83,8 @@ def write_trajectory_parquet(trajectory: Trajectory, path: Path) -> None:
     except ImportError:
         raise MissingExtra("pyarrow", "parquet") from None
     with path.open("wb") as file:
-        parquet.write_table(
-            pa.table({name: arrow_column(column) for name, column in _columns(trajectory).items()}), file
-        )
+        table = pa.table({name: arrow_column(column) for name, column in _columns(trajectory).items()})
+        parquet.write_table(table, file, write_page_checksum=True)
 
 
 def read_trajectory_table(path: Path) -> Trajectory:
