@@ -257,3 +257,13 @@ def test_gross_outliers_cost_little(share, trials):
     ratio = np.sqrt((errors**2).mean(axis=0)) / least
     print("outliers", share, np.round(ratio, 3), "NEES / dof", round(squares(errors, covariances), 3))
     assert (ratio <= (1.25 if trials > 99 else 2.2)).all()
+
+
+@pytest.mark.parametrize("seed", [63, 82, 129])
+def test_a_wrong_sample_is_not_taken_for_noise_of_the_wheels(seed):
+    """Trials whose wrong samples once stayed in, explained by noise that was many times too large."""
+    vehicle = VEHICLES["differential"]
+    least = np.sqrt(np.diag(bound(vehicle, 0.4)))
+    errors, covariances = found_by(vehicle, range(seed, seed + 1), outliers=0.4)
+    assert (np.abs(errors) <= 4.0 * least).all()
+    assert (np.sqrt(np.diag(covariances[0])) <= 1.5 * least).all()

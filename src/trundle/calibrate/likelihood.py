@@ -14,7 +14,7 @@ from trundle.calibrate.frames import first_frame, residuals
 from trundle.calibrate.jumps import joined
 from trundle.calibrate.parameter import Parameter
 from trundle.calibrate.predicted_path import PredictedPath, Readings, adjoint, predict
-from trundle.calibrate.smoother import REFUSED, Levels, Linear, Reduced, eliminate, frame_covariances
+from trundle.calibrate.smoother import REFUSED, STILL, Levels, Linear, Reduced, eliminate, frame_covariances
 from trundle.calibrate.vouching import vouched
 from trundle.errors import MissingExtra, NotConverged
 from trundle.geometry import se2
@@ -32,12 +32,17 @@ OUTLIER = 25.0
 _LOOSE = (30.0, 10.0, 3.0)
 """The wheels' noise of the first iterations: before numbers are right, paths only hold over short ways."""
 _NOTHING = 1e-9  # weight of a fix that is refused
-_ROBUST = 12  # iterations until all wrong fixes are found
+_WEIGHED = 2  # iterations before fixes are believed more or less
+_ALONE, _ALL = 3, 7
+"""Iterations that look how large the noises are: the reference's alone, then the wheels' too."""
+_ROBUST = 12  # iterations until most wrong fixes are found
+_ROUND, _ROUNDS = 3, 5  # iterations from there on with one set of good fixes, and how often it may change
 _MOST = 80
 _LONGEST = 0.3
 """Greatest change of a number in one iteration, in parts of its size."""
 _SETTLED = 0.02
 """Standard deviations: smaller steps change nothing that anybody could tell."""
+_NORMAL = 0.6745  # median absolute deviation of a Gaussian, in standard deviations
 _FEWEST_RUNS, _ENOUGH_FIXES = 4, 2000  # more say nothing new about how large the noises are
 
 
@@ -101,7 +106,9 @@ def fit(
     """Maximise the likelihood of all fixes: Gauss-Newton, with the frames eliminated.
 
     First with Student's t for the fixes, which finds those that are wrong; then with the others alone and
-    Gaussian, which is efficient and knows its own uncertainty.
+    Gaussian, which is efficient and knows its own uncertainty, until these stay the same ones. As long as
+    nothing tells wrong fixes from right ones, the wheels are believed to be as good as described: noise of
+    the wheels that is large enough explains every fix.
 
     Args:
         robot: As described.
@@ -117,12 +124,21 @@ def fit(
     nominal, size = state.values.copy(), np.array([one.size for one in parameters])
     belief = belief_of(parameters) if prior else np.zeros((len(size), len(size)))
     change = np.zeros(len(size))
+    good: list[Floats] = []  # weights of the last round
+    agreed = False
     for iteration in range(_MOST):
         progress(f"iteration {iteration + 1}")
         loose = _LOOSE[iteration] if iteration < len(_LOOSE) else 1.0
         linear = [_linear(robot, run, parameters, state, k) for k, run in enumerate(runs)]
-        if iteration in (3, 7, _ROBUST, _ROBUST + 3):
-            state.levels = _levels(linear, state, belief)
+        if iteration == _WEIGHED:
+            state.levels = _scatter(linear, state)
+        elif iteration in (_ALONE, _ALL):
+            state.levels = _levels(linear, state, belief, wheels=iteration == _ALL)
+        elif not agreed and iteration in range(_ROBUST, _ROBUST + _ROUND * _ROUNDS, _ROUND):
+            agreed = bool(good) and all(map(np.array_equal, good, state.weights))
+            good = state.weights.copy()
+            if not agreed:
+                state.levels = _levels(linear, state, belief)
         levels = replace(state.levels, wheels=loose * state.levels.wheels)
         reduced = [eliminate(one, levels, w) for one, w in zip(linear, state.weights, strict=True)]
         state.information = sum((one.information for one in reduced), belief)
@@ -130,9 +146,10 @@ def fit(
         change = _newton(state.information, slope, size)
         _step(state, change, reduced)
         state.iterations = iteration + 1
-        if 2 < iteration < _ROBUST + 3:
+        agreed = agreed or iteration >= _ROBUST + _ROUND * _ROUNDS
+        if iteration >= _WEIGHED and not agreed:
             _reweigh(state, linear, reduced, change, hard=iteration >= _ROBUST - 1)
-        if iteration > _ROBUST + 3 and change @ state.information @ change < _SETTLED**2:
+        if agreed and change @ state.information @ change < _SETTLED**2:
             break
     else:
         loudest = np.argsort(-(change**2) * np.diag(state.information))
@@ -262,8 +279,34 @@ def _reweigh(
 # --- how large the noises are ------------------------------------------------------------------
 
 
-def _levels(linear: Sequence[Linear], state: Fit, belief: Floats) -> Levels:
+def _scatter(linear: Sequence[Linear], state: Fit) -> Levels:
+    """How large the reference's noises look, whatever nearly half of the fixes say.
+
+    Source:
+        Hampel 1974, "The influence curve and its role in robust estimation": the median absolute deviation.
+    """
+
+    def spread(columns: slice, otherwise: float) -> float:
+        off = [
+            np.abs(one.residuals[:, columns][one.measured[:, columns] & (weights > REFUSED)[:, np.newaxis]])
+            for one, weights in zip(linear, state.weights, strict=True)
+            if one.given is None
+        ]
+        seen = np.concatenate([np.zeros(0), *off])
+        return max(float(np.median(seen)) / _NORMAL, STILL) if len(seen) else otherwise
+
+    position = spread(slice(0, 2), state.levels.position)
+    return replace(state.levels, position=position, heading=spread(slice(2, 3), state.levels.heading))
+
+
+def _levels(linear: Sequence[Linear], state: Fit, belief: Floats, *, wheels: bool = True) -> Levels:
     """The noises under which the fixes are most likely, whatever the parameters (REML).
+
+    Args:
+        linear: The runs.
+        state: Their weights, and the noises so far.
+        belief: The prior.
+        wheels: Whether that of the wheels is looked for, too.
 
     Source:
         Patterson, Thompson 1971, "Recovery of inter-block information when block sizes are unequal".
@@ -274,7 +317,7 @@ def _levels(linear: Sequence[Linear], state: Fit, belief: Floats) -> Levels:
     runs = [(linear[k], state.weights[k]) for k in chosen]
     free = [one for one, _ in runs if one.given is None]
     open_ = [
-        any(int(one.measured.sum()) > 3 for one, _ in runs),
+        wheels and any(int(one.measured.sum()) > 3 for one, _ in runs),
         any(one.measured[:, :2].any() for one in free),
         any(one.measured[:, 2].any() for one in free),
     ]

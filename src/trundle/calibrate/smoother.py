@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from trundle.errors import MissingExtra
 
-__all__ = ["REFUSED", "Levels", "Linear", "Reduced", "eliminate", "frame_covariances"]
+__all__ = ["REFUSED", "STILL", "Levels", "Linear", "Reduced", "eliminate", "frame_covariances"]
 
 Floats = npt.NDArray[np.float64]
 
