@@ -12,7 +12,6 @@ from trundle.calibrate.run import Closed, Rolled, Run, Spun
 from trundle.errors import InputError, TooFewData
 from trundle.records import Trajectory, WheelLog
 from trundle.robot import Robot
-from trundle.robot.log_mapping import Kind
 
 __all__ = ["Fixes", "fixes_of", "offset_of"]
 
@@ -35,7 +34,6 @@ class Fixes:
         mounted: A sensor saw them that may be mounted anywhere; else they are the robot's own.
         offset: Place (x, y) of the tracked point [m], where a reference without headings could not be moved
             to the robot's own.
-        chained: They were put together from motions in step with the log's rows: of one clock, and whole.
     """
 
     moments: Floats
@@ -44,7 +42,6 @@ class Fixes:
     whole_turns: bool = False
     mounted: bool = True
     offset: tuple[float, float] = (0.0, 0.0)
-    chained: bool = False
 
     def __len__(self) -> int:
         return len(self.moments)
@@ -77,9 +74,7 @@ def fixes_of(robot: Robot, run: Run, most: int) -> Fixes:
         reference = log.reference
     match reference:
         case Trajectory():
-            own = run.reference is None or run.reference is log.reference
-            chained = own and _is_chained(robot)
-            return _seen(run, reference, most, offset_of(robot, reference), chained=chained)
+            return _seen(run, reference, most, offset_of(robot, reference))
         case Rolled(distance=distance, sigma=sigma):
             return _ends(log, (distance, math.nan, math.nan), (sigma, 0.01))
         case Spun(angle=angle, sigma=sigma):
@@ -98,11 +93,7 @@ def offset_of(robot: Robot, reference: Trajectory) -> tuple[float, float]:
     return robot.log.reference.mounting[:2]
 
 
-def _is_chained(robot: Robot) -> bool:
-    return robot.log.reference is not None and robot.log.reference.kind is Kind.INCREMENT
-
-
-def _seen(run: Run, reference: Trajectory, most: int, offset: tuple[float, float], *, chained: bool) -> Fixes:
+def _seen(run: Run, reference: Trajectory, most: int, offset: tuple[float, float]) -> Fixes:
     """What a sensor saw while the log ran."""
     stamps, poses = reference.time_ns, reference.poses
     inside = (stamps >= run.log.time_ns[0]) & (stamps <= run.log.time_ns[-1])
@@ -117,9 +108,7 @@ def _seen(run: Run, reference: Trajectory, most: int, offset: tuple[float, float
             f"{run.name or run.log.source}: {len(rows)} samples of the reference lie beside the log, "
             f"must be {FEWEST} or more; do their clocks agree?"
         )
-    return Fixes(
-        moments=(stamps[rows] - run.log.time_ns[0]) * 1e-9, poses=poses[rows], offset=offset, chained=chained
-    )
+    return Fixes(moments=(stamps[rows] - run.log.time_ns[0]) * 1e-9, poses=poses[rows], offset=offset)
 
 
 def _ends(

@@ -162,7 +162,7 @@ def _candidates(
         names,
         mounted=mounting is not False and any(one.positions for one in seen),
         headings=any(one.headings for one in seen),
-        clock=clock and any(not one.chained for one in seen),
+        clock=clock and bool(seen),
     )
 
 
