@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -93,6 +94,40 @@ def fault_b1(case: str) -> None:
     assert cure in helps
 
 
+BOTH_WAYS = (spin(3 * math.tau, 1.0), spin(-3 * math.tau, 1.0))
+CURES = {
+    "straight": BOTH_WAYS,
+    "spin": (straight(5.0, 0.4),),
+    "arc": (straight(3.0, 0.4), spin(-3 * math.tau, 1.0)),
+    "mecanum-straight": BOTH_WAYS,
+}
+
+
+@pytest.mark.parametrize("case", CURES)
+def test_what_helps_tells_as_much_as_it_promises(case):
+    kind, motions, *_ = B1[case]
+    first, second = Course.of(motions), Course.of(*CURES[case])
+    with pytest.raises(Unobservable) as refused:
+        calibrate(described(kind), driven(kind, (first,)), mounting=False, clock=False)
+    promised = re.findall(r"([\w.+ ]+) to ([\d.]+) %", str(refused.value).split("which would tell ")[1])
+    assert promised
+    numbers = found_of(calibrate(described(kind), driven(kind, (first, second)), mounting=False, clock=False))
+    for name, percent in promised:
+        value, sigma = numbers[name.strip()]
+        assert 0.6 < 100.0 * sigma / value / float(percent) < 1.6
+
+
+def test_a_sensor_that_stays_unknown_is_told_with_what_would_know_it():
+    """Straight on, a reference may be mounted anywhere along the robot: turning shows where."""
+    found = calibrate(
+        described(), driven("differential", (Course.of(straight(4.0, 0.4)),)), parameters=("wheel_radius",)
+    )
+    (place,) = (one for one in found.unobserved if one.names == ("reference.x", "reference.y"))
+    assert all(0.0 < sigma < 0.005 for sigma in place.sigmas)
+    assert "turn as well" in place.manoeuvre
+    assert "which would tell reference.x to 0.00" in place.manoeuvre
+
+
 # ------------------------------------------------------------ B2: loops that close
 
 
@@ -115,7 +150,10 @@ def fault_b2(case: str) -> None:
         assert abs(value - RIGHT) < 3 * sigma
         assert any("drive 10 m straight" in words for words in found.warnings)
     else:
-        with pytest.raises(Unobservable, match=r"how far these logs went.* drive 10 m straight"):
+        promise = (
+            r"how far these logs went.* drive 10 m straight .*which would tell wheel_radius.* to 0\.0\d+ %"
+        )
+        with pytest.raises(Unobservable, match=promise):
             calibrate(described(case), driven(case, SQUARES, closed))
 
 

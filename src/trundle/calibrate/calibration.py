@@ -44,13 +44,14 @@ class Unobserved:
         names: Of the parameters that cannot be told, or not apart.
         words: One sentence for people.
         manoeuvre: What to drive to know it.
-        sigma: What that would reach; None where nobody computed it.
+        sigmas: What that would reach, one standard deviation each, in the units of the parameters; none where
+            it would not tell them either.
     """
 
     names: tuple[str, ...]
     words: str
     manoeuvre: str = ""
-    sigma: float | None = None
+    sigmas: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -94,6 +94,15 @@ class Fit:
             joined=[self.joined[k] for k in chosen],
         )
 
+    def with_run(self, fixes: int) -> Fit:
+        """The same with one more run of so many fixes, that agrees."""
+        return replace(
+            self,
+            frames=[*self.frames, np.zeros((fixes, 3))],
+            weights=[*self.weights, np.ones(fixes)],
+            joined=[*self.joined, np.ones(fixes - 1, dtype=bool)],
+        )
+
 
 def fit(
     robot: Robot,

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from trundle.calibrate.calibration import Calibration, Estimate, RunFit, Unobserved
+from trundle.calibrate.cure import Cure, imagined, seen_like
 from trundle.calibrate.fixes import fixes_of
 from trundle.calibrate.frames import mirrored, residuals
 from trundle.calibrate.likelihood import Fit, Observed, belief_of, fit, information_of, tracked_points
@@ -20,12 +21,13 @@ from trundle.calibrate.run import Run
 from trundle.calibrate.selection import (
     Excitation,
     condition_of,
+    grown,
     open_directions,
     select,
     why_open,
     without_scale,
 )
-from trundle.errors import Inconsistent, InputError, TooFewData, Unobservable
+from trundle.errors import Inconsistent, InputError, TooFewData, TrundleError, Unobservable
 from trundle.evaluate import align
 from trundle.geometry import se2
 from trundle.records import Trajectory
@@ -114,7 +116,13 @@ def calibrate(
         _require_observable(robot, observed, again, found, driven, prior)
         chosen, found = again, fit(robot, observed, again, prior=prior, progress=progress)
     _require_agreement(robot, observed, found)
-    return _result(robot, observed, chosen, found, [why_open(names, driven) for names in refused], refused)
+    known = {one.name for one in chosen}
+    stays = [
+        _unobserved(robot, observed, grown(chosen, candidates.named(names)), names, found, driven, prior)
+        for names in refused
+        if not known >= set(names)
+    ]
+    return _result(robot, observed, chosen, found, stays)
 
 
 # --- before ------------------------------------------------------------------------------------
@@ -276,12 +284,65 @@ def _require_observable(
     information = _information(robot, observed, chosen, about, prior)
     directions = open_directions(chosen, information, _spurious(robot, observed, chosen, about))
     if directions:
-        words, cure = zip(*(why_open(names, driven) for names in directions), strict=True)
+        stays = [_unobserved(robot, observed, chosen, names, about, driven, prior) for names in directions]
+        words, cures = (one.words for one in stays), (one.manoeuvre for one in stays)
         raise Unobservable(
-            f"{'; '.join(dict.fromkeys(words))}. What helps: {'; '.join(dict.fromkeys(cure))}. "
+            f"{'; '.join(dict.fromkeys(words))}. What helps: {'; '.join(dict.fromkeys(cures))}. "
             f"(condition {condition_of(chosen, information):.1e}; or say how far the description can be off, "
             "noise: wheel_radius and track_width, and use it as a prior)"
         )
+
+
+def _unobserved(
+    robot: Robot,
+    observed: Sequence[Observed],
+    parameters: Sequence[Parameter],
+    names: tuple[str, ...],
+    about: Fit,
+    driven: Excitation,
+    prior: bool,
+) -> Unobserved:
+    """What stays open, and what would tell it how well."""
+    words, cure = why_open(names, driven)
+    sigmas = _reached(robot, observed, parameters, names, about, cure, prior)
+    known = {one.name: one for one in parameters}
+    told = [_to_within(known[name], sigma) for name, sigma in zip(names, sigmas, strict=False)]
+    promise = f" (which would tell {', '.join(told)})" if told else ""
+    return Unobserved(names, words, cure.words + promise, sigmas)
+
+
+def _to_within(one: Parameter, sigma: float) -> str:
+    if one.part == DRIVE:
+        return f"{one.name} to {100.0 * sigma / one.size:.2g} %"
+    return f"{one.name} to {sigma:.2g} {one.unit}".rstrip()
+
+
+def _reached(
+    robot: Robot,
+    observed: Sequence[Observed],
+    parameters: Sequence[Parameter],
+    names: tuple[str, ...],
+    about: Fit,
+    cure: Cure,
+    prior: bool,
+) -> tuple[float, ...]:
+    """Standard deviations with one more run; none where it would not tell these numbers either."""
+    try:
+        log = imagined(robot, cure)
+        run = Observed("", readings_of(robot, log), seen_like(observed[0].fixes, log))
+        both, more = [*observed, run], about.with_run(len(run.fixes))
+        information = _information(robot, both, parameters, more, prior)
+        if open_directions(parameters, information, _spurious(robot, both, parameters, more)):
+            return ()
+    except TrundleError:  # not every robot can be simulated
+        return ()
+    sizes = np.array([one.size for one in parameters])
+    scaled = information * np.outer(sizes, sizes)
+    if np.linalg.eigvalsh(scaled)[0] <= 0.0:
+        return ()
+    sigmas = sizes * np.sqrt(np.diag(np.linalg.inv(scaled)))
+    places = [one.name for one in parameters]
+    return tuple(float(sigmas[places.index(name)]) for name in names)
 
 
 # --- after -------------------------------------------------------------------------------------
@@ -318,8 +379,7 @@ def _result(
     observed: Sequence[Observed],
     chosen: Sequence[Parameter],
     found: Fit,
-    reasons: Sequence[tuple[str, str]],
-    refused: Sequence[tuple[str, ...]],
+    unobserved: Sequence[Unobserved],
 ) -> Calibration:
     covariance: Any = np.linalg.inv(found.information) if len(chosen) else np.zeros((0, 0))
     sigmas = np.sqrt(np.diag(covariance))
@@ -335,11 +395,7 @@ def _result(
         condition=condition_of(chosen, found.information),
         samples=sum(len(run.fixes) for run in observed),
         inliers=_inliers(found),
-        unobserved=tuple(
-            Unobserved(names, words, cure)
-            for names, (words, cure) in zip(refused, reasons, strict=True)
-            if not {one.name for one in chosen} >= set(names)
-        ),
+        unobserved=tuple(unobserved),
         fits=tuple(_run_fit(robot, run, chosen, found, number) for number, run in enumerate(observed)),
         warnings=tuple(_warnings(observed, chosen, found, sigmas)),
         iterations=found.iterations,

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from trundle.calibrate.cure import Cure
 from trundle.calibrate.parameter import DRIVE, Parameter
 
 __all__ = [
     "MOST_CONDITION",
     "Excitation",
     "condition_of",
+    "grown",
     "open_directions",
     "select",
     "why_open",
@@ -127,7 +129,7 @@ def select(
     for group in groups:
         if all(one in chosen for one in group):
             continue
-        trial = _joined(chosen, group)
+        trial = grown(chosen, group)
         drives = any(one.part == DRIVE for one in group)
         noise = spurious(trial) if drives else np.zeros((len(trial), len(trial)))
         if _told(trial, information(trial), noise, group):
@@ -137,8 +139,11 @@ def select(
     return chosen, refused
 
 
-def _joined(chosen: tuple[Parameter, ...], group: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
-    """Each wheel's radius takes the place of the common one, and a side's turning centre of the track's."""
+def grown(chosen: tuple[Parameter, ...], group: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
+    """What was chosen, and a group.
+
+    Each wheel's radius takes the place of the common one, and a side's turning centre of the track's.
+    """
     instead = {"wheel_radius.": "wheel_radius", "icr_": "track_width"}
     gone = {old for new, old in instead.items() if any(one.name.startswith(new) for one in group)}
     return (*(one for one in chosen if one.name not in gone), *group)
@@ -174,26 +179,31 @@ def _about_drive(parameters: Sequence[Parameter], information: Floats) -> Floats
     return 0.5 * (reduced + reduced.T)
 
 
-def why_open(names: Sequence[str], driven: Excitation) -> tuple[str, str]:
+def why_open(names: Sequence[str], driven: Excitation) -> tuple[str, Cure]:
     """In words, why these cannot be told, and what to drive."""
     which = " and ".join(names) if len(names) < 3 else f"{', '.join(names[:-1])} and {names[-1]}"
     cannot = f"{which} cannot be told" + (" apart" if len(names) > 1 else "")
     if not driven.measured:
         way = "nothing says how far these logs went, and a robot of any size could have driven so"
-        return f"{way}: {cannot}", "drive 10 m straight on as well, and measure them"
+        return f"{way}: {cannot}", Cure("drive 10 m straight on as well, and measure them", ahead=10.0)
     if driven.turned < 0.5 * max(driven.distance, 0.1):
         way = f"these logs hardly turn ({np.degrees(driven.turned):.0f} degrees over {driven.distance:.1f} m)"
-        return f"{way}: {cannot}", "turn as well, to the left and to the right by several whole turns"
+        cure = Cure("turn as well, to the left and to the right by three whole turns each", left=3, right=3)
+        return f"{way}: {cannot}", cure
     if driven.distance < 0.05 * driven.turned:
         way = f"these logs only turn on the spot ({driven.distance:.1f} m driven)"
-        return f"{way}: {cannot}", "drive several metres straight on as well"
+        return f"{way}: {cannot}", Cure("drive 5 m straight on as well", ahead=5.0)
     if min(driven.left, driven.right) < 0.1 * driven.turned:
-        way = "left" if driven.left > driven.right else "right"
-        return (
-            f"these logs turn only one way, to the {way}: {cannot}",
-            "drive the other way round as well, and some metres straight on",
-        )
+        way, left, right = ("left", 0, 3) if driven.left > driven.right else ("right", 3, 0)
+        words = "drive three turns the other way round as well, and 3 m straight on"
+        return f"these logs turn only one way, to the {way}: {cannot}", Cure(words, 3.0, left, right)
     return (
         f"in these logs {cannot}: what they change goes together",
-        "drive straight, turn on the spot or as tightly as it can both ways, and curves of another radius",
+        Cure(
+            "drive 3 m straight on, three turns on the spot or as tightly as it can both ways, "
+            "and curves of another radius",
+            ahead=3.0,
+            left=3,
+            right=3,
+        ),
     )
