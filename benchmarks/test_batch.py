@@ -120,7 +120,8 @@ def test_integrate(name, covariance, compare):
         "mecanum": tr.Mecanum(track_width=0.3, wheelbase=0.4, wheel_radius=RADIUS),
         "ackermann": tr.Ackermann(wheelbase=0.3, track_width=0.2, wheel_radius=RADIUS),
     }[name]
-    angles = positions(100_000)
+    turns = np.arange(100_000)[:, None] / np.array([50.0, 70.0])
+    angles = np.cumsum(0.2 + 0.1 * np.sin(turns), axis=0)  # wheels that speed up and slow down as wheels can
     if name == "mecanum":
         angles = np.tile(angles, 2)  # both axles alike: nothing slips
     steering = 0.3 * np.sin(np.arange(len(angles)) / 100.0)[:, None]

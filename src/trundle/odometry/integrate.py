@@ -39,6 +39,7 @@ Floats = npt.NDArray[Any]
 Stamps = npt.NDArray[np.int64]
 
 BLOCK = 12288  # rows at a time: what their arrays take fits into the second- and third-level cache
+SPAN = 16384  # the same for poses alone, which take fewer arrays
 NEIGHBOURS = 1 << 15  # rows before and behind that say whether a row is plain: far more than FROZEN_AFTER
 
 
@@ -648,7 +649,7 @@ def _blocks(robots: int, steps: int, span: int) -> Iterator[tuple[slice, list[sl
 
     Blocks of rows share their end points.
     """
-    size = max(1, BLOCK // max(min(steps, span), 1))
+    size = max(1, SPAN // max(min(steps, span), 1))
     rows = [slice(row, min(row + span, steps - 1) + 1) for row in range(0, steps - 1, span)]
     for first in range(0, robots, size):
         yield slice(first, first + size), rows
@@ -665,7 +666,7 @@ def _in_blocks(
     """The walk by arrays; the state is passed on from block to block."""
     robots, steps, _ = positions.shape
     # The symmetric correction looks ahead, so its steps stay together.
-    span = max(steps, 1) if way is Integrator.SYMMETRIC else BLOCK
+    span = max(steps, 1) if way is Integrator.SYMMETRIC else SPAN
     poses[:, :1] = 0.0
     for group, blocks in _blocks(robots, steps, span):
         start: Sequence[Any] = (0.0, 0.0, 0.0)
@@ -706,7 +707,7 @@ def _compiled(
         return
     robots, steps, _ = positions.shape
     body = np.zeros((robots, steps, 3))
-    for group, blocks in _blocks(robots, steps, BLOCK):
+    for group, blocks in _blocks(robots, steps, SPAN):
         for rows in blocks:
             angles = None if steering is None else steering[group, rows]
             for k, part in enumerate(_steps(standard, drive, positions[group, rows], angles)):

@@ -1004,7 +1004,7 @@ class WheelOdometry:
         for index, bounds in self._bounded:
             if not bounds.hold(steering[index]):
                 return "range"
-        return tuple(map(_float, steering))
+        return tuple(steering) if type(steering[0]) is float else tuple(map(_float, steering))
 
     def _take_kind(self, kind: Reading) -> None:
         if self._kind is not None:
