@@ -358,6 +358,15 @@ def test_a_tape_measure_is_enough_for_two_numbers(run, tmp_path):
     assert drive.parameters["track_width"] == pytest.approx(0.2061, rel=5e-3)
 
 
+def test_a_reference_without_times_is_refused(run, tmp_path):
+    """One second per row, as its reader counts them, would be a robot of another speed."""
+    log = tr.read_log(CAMERA[1], load_robot(ROBOT))
+    tr.write_trajectory(log.reference, tmp_path / "truth.kitti")
+    code, out, err = run("calibrate", CAMERA[1], "--robot", ROBOT, "--reference", tmp_path / "truth.kitti")
+    assert (code, out) == (2, "")
+    assert "the reference has no times (KITTI files do not)" in err
+
+
 def test_a_trajectory_in_a_file_is_a_reference(run, tmp_path):
     robot = tmp_path / "robot.yaml"
     robot.write_text(ROBOT.read_text().partition("log:")[0])

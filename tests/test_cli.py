@@ -336,6 +336,45 @@ def test_what_is_left_out_of_a_trajectory_is_said(run, pair, tmp_path, robot):
     assert words in run("track", log, "--robot", robot, "-o", output, "--reference", truth)[2]
 
 
+def test_a_file_without_times_is_compared_row_by_row(run, pair, tmp_path):
+    """Never by stamps that nobody wrote: a path of 20 Hz against its own KITTI file has no error."""
+    for path in pair:
+        tr.write_trajectory(tr.read_trajectory(path), path.with_suffix(".kitti"))
+    estimate, truth = (path.with_suffix(".kitti") for path in pair)
+    wanted = run("compare", *pair)[1].splitlines()[1:]
+    for files in ((estimate, pair[1]), (pair[0], truth)):
+        code, out, err = run("compare", *files)
+        assert (code, out.splitlines()[1:]) == (0, wanted)
+        assert "kitti: has no times; compared row by row" in err
+    code, out, err = run("compare", estimate, truth)
+    assert code == 0
+    assert "200 samples, 3.98 m\n" in out
+    assert err.count("has no times") == 2
+    whole = tr.read_trajectory(pair[1])
+    tr.write_trajectory(whole.take(np.arange(150)), tmp_path / "short.csv")
+    code, out, err = run("compare", estimate, tmp_path / "short.csv")
+    assert (code, out) == (ExitCode.DATA, "")
+    assert "the estimate has no times" in err
+    assert "the estimate has 200, the reference 150" in err
+    assert "no times to add it to" in run("compare", *pair[:1], truth, "--time-offset", "1")[2]
+
+
+def test_track_knows_that_a_reference_has_no_times(run, tmp_path, robot):
+    log = straight(tmp_path / "run.csv")
+    output = tmp_path / "run.tum"
+    assert run("track", log, "--robot", robot, "-o", output)[0] == 0
+    found = tr.read_trajectory(output)
+    tr.write_trajectory(found, tmp_path / "same.kitti")
+    tr.write_trajectory(found.take(np.arange(5)), tmp_path / "short.kitti")
+    options = ("--robot", robot, "-o", output, "--force", "--reference")
+    code, out, err = run("track", log, *options, tmp_path / "same.kitti")
+    assert (code, "ATE 0 m" in out) == (0, True)
+    assert "same.kitti: has no times; compared row by row" in err
+    code, out, err = run("track", log, *options, tmp_path / "short.kitti")
+    assert (code, "error" in out) == (0, False)
+    assert "the reference cannot be compared: the reference has no times" in err
+
+
 def test_compare_says_what_has_no_common_time(run, pair):
     code, out, err = run("compare", *pair, "--time-offset", "1e6")
     assert (code, out) == (ExitCode.DATA, "")

@@ -35,7 +35,7 @@ def write_kitti(trajectory: Trajectory, path: Path) -> None:
 
 
 def read_kitti(path: Path) -> Trajectory:
-    """Read poses; headings come in (-pi, pi]. Row k is stamped k seconds, and `events` says `untimed`.
+    """Read poses, which are not `timed`: row k is stamped k seconds.
 
     Raises:
         LogError: If the file cannot be read.
@@ -49,4 +49,4 @@ def read_kitti(path: Path) -> Trajectory:
         raise LogSchema(path, "parse", f"rows stand for times, so all must be whole: {rows.warnings[0]}")
     x, y, c, s = rows.columns
     poses = np.stack([x, y, np.arctan2(s, c)], axis=-1)
-    return Trajectory(time_ns=np.arange(len(x)) * ROW_NS, poses=poses, events={"untimed": len(x)})
+    return Trajectory(time_ns=np.arange(len(x)) * ROW_NS, poses=poses, timed=False)

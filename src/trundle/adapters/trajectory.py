@@ -44,7 +44,7 @@ def write_trajectory(trajectory: Trajectory, path: str | os.PathLike[str], *, fo
 def read_trajectory(path: str | os.PathLike[str], *, body: str | None = None) -> Trajectory:
     """Read what `write_trajectory` writes: the same stamps and the same numbers.
 
-    Files of poses and `.mcap` have headings in (-pi, pi], and `.kitti` no times: row k is stamped k seconds.
+    Files of poses and `.mcap` have headings in (-pi, pi]. What a `.kitti` file holds is not `timed`.
     A `.csv` may also be EuRoC's, or a take of OptiTrack's Motive with one rigid body. Rows that cannot be
     read are counted in `rejected`.
 

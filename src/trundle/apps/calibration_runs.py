@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from trundle.adapters.quantity import POSITION, read_number, read_quantity
+from trundle.apps.rejection import left_out
 from trundle.apps.run_labels import labels
 from trundle.errors import InputError
 
@@ -72,6 +73,7 @@ class Drives:
         """
         from trundle.adapters.log import read_log
         from trundle.calibrate.run import Run
+        from trundle.records import Trajectory
 
         path = self._logs[number]
         doing(f"reading {path.name}")
@@ -85,7 +87,11 @@ class Drives:
                 f"{path}: nothing is known of where the robot went: it needs log.reference in robot.yaml, "
                 "--reference, --rolled, --spun or --closed"
             )
-        return Run(log=dataclasses.replace(log, reference=None), reference=reference, name=path.stem)
+        gaps = (
+            () if own or not isinstance(reference, Trajectory) else left_out(self._files[number], reference)
+        )
+        log = dataclasses.replace(log, reference=None, warnings=(*log.warnings, *gaps))
+        return Run(log=log, reference=reference, name=path.stem)
 
     def _reference(self, number: int) -> Reference | None:
         from trundle.adapters.trajectory import read_trajectory

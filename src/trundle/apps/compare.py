@@ -6,9 +6,12 @@ import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from trundle.apps.rejection import left_out
+from cyclopts import Parameter
+
+from trundle.adapters.trajectory_format import holdings
+from trundle.apps.rejection import left_out, without_times
 from trundle.apps.wording import aligned, angle, digits, fixed, labelled, length, plural, seconds
 
 if TYPE_CHECKING:
@@ -18,7 +21,7 @@ __all__ = ["compare"]
 
 
 def compare(
-    estimate: Path,
+    estimate: Annotated[Path, Parameter(help=f"What is judged: {holdings()}.")],
     reference: Path,
     /,
     *,
@@ -29,8 +32,10 @@ def compare(
 ) -> None:
     """Associate two trajectories in time, align them, and print the errors.
 
+    A file without times is compared row by row, with one that has as many rows.
+
     Args:
-        estimate: What is judged: .tum, .csv or .parquet.
+        estimate: What is judged.
         reference: What it is judged by, likewise. It needs no headings.
         align: Best rotation and translation, first pose upon first pose, or none.
         distance: Path length over which relative errors are taken [m].
@@ -48,7 +53,8 @@ def compare(
     if not math.isfinite(time_offset):
         raise InputError(f"--time-offset {time_offset:g} s, must be finite")
     pair = read_trajectory(estimate), read_trajectory(reference)
-    for words in (*left_out(estimate, pair[0]), *left_out(reference, pair[1])):
+    files = tuple(zip((estimate, reference), pair, strict=True))
+    for words in (words for file in files for words in left_out(*file)):
         print(f"trundle: warning: {words}", file=sys.stderr)
     try:
         comparison = evaluate.compare(
@@ -60,13 +66,17 @@ def compare(
         )
     except (InputError, Unobservable) as error:  # the two files, not the call
         raise LogError(f"{estimate}, {reference}", "compare", str(error)) from error
+    for words in (words for file in files for words in without_times(*file, "compared row by row")):
+        print(f"trundle: warning: {words}", file=sys.stderr)
     print(f"{estimate} against {reference}")
     print(*labelled(_facts(comparison)), sep="\n")
     print(*_table(comparison), sep="\n")
 
 
 def _facts(comparison: Comparison) -> list[tuple[str, str]]:
-    path = f"{length(comparison.reference_length)} in {seconds(comparison.overlap)}"
+    path = length(comparison.reference_length)
+    if comparison.overlap is not None:
+        path += f" in {seconds(comparison.overlap)}"
     x, y, theta = comparison.alignment.x, comparison.alignment.y, comparison.alignment.theta
     drift = []
     if comparison.drift is not None:

@@ -12,6 +12,7 @@ from trundle.adapters.content import KINDS_OF_LOG
 from trundle.adapters.trajectory_format import holdings
 from trundle.apps.exit_code import ExitCode
 from trundle.apps.output_file import check_output, files_of
+from trundle.apps.rejection import without_times
 from trundle.apps.wording import counted, labelled, plural, seconds
 from trundle.errors import InputError
 
@@ -68,8 +69,11 @@ def convert(
     check_output(output, suffixes=TRAJECTORY_SUFFIXES, inputs=[source], force=force)
     trajectory = _trajectory_of(source, body)
     write_trajectory(trajectory, output, force=force)
+    invented = "the output's stamps number its rows, a second apart"
+    for words in without_times(source, trajectory, invented) if output.suffix.lower() != ".kitti" else ():
+        print(f"trundle: warning: {words}", file=sys.stderr)
     facts = [
-        ("poses", f"{len(trajectory)}, {seconds(trajectory.duration)}"),
+        ("poses", f"{len(trajectory)}, {seconds(trajectory.duration) if trajectory.timed else 'no times'}"),
         ("rejected", counted(trajectory.rejected)),
         ("events", counted(trajectory.events)),
         ("trajectory", str(output)),

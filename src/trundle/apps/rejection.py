@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from trundle.records import Trajectory
     from trundle.robot import Robot
 
-__all__ = ["MOST", "REASONS", "advice", "left_out"]
+__all__ = ["MOST", "REASONS", "advice", "left_out", "without_times"]
 
 WORTH_WORDS = 0.1  # of all rows; a few bad ones are what odometry is there for
 MOST = 0.5  # of all rows: a result without them is a partial one
@@ -60,10 +60,15 @@ def advice(rejected: Mapping[str, int], accepted: int, robot: Robot) -> list[str
     return [f"{words}; {cause}" if cause else words]
 
 
-def left_out(source: Path, trajectory: Trajectory) -> tuple[str, ...]:
+def left_out(source: Path | str, trajectory: Trajectory) -> tuple[str, ...]:
     """A sentence about the rows of a trajectory's file that could not be read; none where all could."""
     rejected = counted(trajectory.rejected)
     return (f"{source}: rows were left out: {rejected}",) if rejected else ()
+
+
+def without_times(source: Path, trajectory: Trajectory, what: str) -> tuple[str, ...]:
+    """A sentence about a file that holds no times, and what follows from it; none where it does."""
+    return () if trajectory.timed else (f"{source}: has no times; {what}",)
 
 
 def _cause(reason: str, robot: Robot) -> str:

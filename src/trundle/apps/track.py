@@ -64,7 +64,7 @@ def track(
     from trundle.adapters.robot_yaml import load_robot
     from trundle.adapters.trajectory import TRAJECTORY_SUFFIXES, read_trajectory, write_trajectory
     from trundle.adapters.trajectory_pieces import SUFFIXES_IN_PIECES
-    from trundle.apps.rejection import advice, left_out
+    from trundle.apps.rejection import advice, left_out, without_times
     from trundle.errors import InputError, LogError, MissingExtra
     from trundle.odometry.integrate import integrate
 
@@ -90,8 +90,10 @@ def track(
         why = advice(trajectory.rejected, len(trajectory), described)
         if not len(trajectory):
             raise LogError(log, "nothing", "; ".join((*why, *wheels.warnings)))
-        gaps = () if truth is None or reference is None else left_out(reference, truth)
         comparison, remarks = _compare(trajectory, truth, described)
+        if reference is not None and truth is not None:
+            remarks += left_out(reference, truth)
+            remarks += without_times(reference, truth, "compared row by row") if comparison else ()
         progress.step(f"writing {output.name}")
         write_trajectory(trajectory, output, force=force)
         if plot is not None:
@@ -101,7 +103,7 @@ def track(
     travelled = Travelled()
     for _ in (*travelled.read([wheels]), *travelled.travel([trajectory])):
         pass
-    travelled.warnings += (*why, *gaps, *remarks)
+    travelled.warnings += (*why, *remarks)
     return _tell(log, described, travelled, comparison, output, plot)
 
 
@@ -241,7 +243,8 @@ def _errors(comparison: Comparison) -> list[tuple[str, str]]:
     overall = f"ATE {length(comparison.ate)}"
     if comparison.heading is not None:
         overall += f", heading {angle(comparison.heading.rmse)}"
-    span = f"over {length(comparison.reference_length)} in {seconds(comparison.overlap)}, aligned"
+    time = "" if comparison.overlap is None else f" in {seconds(comparison.overlap)}"
+    span = f"over {length(comparison.reference_length)}{time}, aligned"
     drift = []
     if comparison.drift is not None:
         drift.append(f"{digits(100 * comparison.drift)} % of the path")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from trundle.errors import require_finite, require_positive
+from trundle.errors import InputError, require_finite, require_positive
 from trundle.records import Trajectory, WheelLog
 
 __all__ = ["Closed", "Reference", "Rolled", "Run", "Spun"]
@@ -75,8 +75,18 @@ class Run:
         reference: What is known of where it went; None for what the log itself holds: its reference, or else
             its gyro.
         name: For people.
+
+    Raises:
+        InputError: If the reference is a trajectory without times.
     """
 
     log: WheelLog
     reference: Reference | None = None
     name: str = ""
+
+    def __post_init__(self) -> None:
+        if isinstance(self.reference, Trajectory) and not self.reference.timed:
+            raise InputError(
+                f"{self.name or self.log.source}: the reference has no times (KITTI files do not): "
+                "nothing says which of its poses belongs to which row of the log"
+            )

@@ -14,7 +14,7 @@ from trundle.geometry import se2
 from trundle.records import Trajectory
 from trundle.records.columns import stamps as column_of_stamps
 
-__all__ = ["Stamps", "associate", "describe_spans", "interpolate", "shift", "span"]
+__all__ = ["Stamps", "associate", "at_times", "describe_spans", "interpolate", "shift", "span"]
 
 Stamped = npt.NDArray[np.int64]
 _LATEST = 9e9  # [s]: as far as int64 nanoseconds reach
@@ -42,7 +42,7 @@ def associate(
 
     The other one is interpolated there (see `interpolate`), never extrapolated. Samples without a
     position (NaN) are left out first. Where both have a sample at the same time, both come through as
-    they are.
+    they are. Where one has no times (`Trajectory.timed`) they belong together row by row.
 
     Args:
         estimate: What is judged.
@@ -55,7 +55,8 @@ def associate(
         Estimate and reference with equal `time_ns`, in the clock of the reference.
 
     Raises:
-        InputError: If stamps go back, or nothing matches; the message says both time spans.
+        InputError: If stamps go back, or nothing matches; the message says both time spans. If one has no
+            times and they have not as many rows, or a time offset is given.
     """
     stamps = require_choice("stamps", stamps, Stamps)
     for name, trajectory in (("estimate", estimate), ("reference", reference)):
@@ -63,20 +64,44 @@ def associate(
     require_numbers("associate", one={"max_gap": max_gap})
     if max_gap is None or not max_gap > 0.0:
         raise InputError(f"max_gap: {max_gap} s, must be > 0")
+    estimate, reference = at_times(estimate, reference, time_offset)
     estimate = _measured("estimate", shift(estimate, time_offset))
     reference = _measured("reference", reference)
     if _kept(estimate, reference, stamps) is estimate:
         covered = _covered(reference, estimate.time_ns, max_gap)
-        pair = _take(estimate, covered), interpolate(reference, estimate.time_ns[covered])
+        pair = estimate.take(covered), interpolate(reference, estimate.time_ns[covered])
     else:
         covered = _covered(estimate, reference.time_ns, max_gap)
-        pair = interpolate(estimate, reference.time_ns[covered]), _take(reference, covered)
+        pair = interpolate(estimate, reference.time_ns[covered]), reference.take(covered)
     if not covered.any():
         raise InputError(
             "estimate and reference have no time in common that is sampled closely enough "
             f"(max_gap {max_gap:g} s): {describe_spans(estimate, reference)}"
         )
     return pair
+
+
+def at_times(
+    estimate: Trajectory, reference: Trajectory, time_offset: float = 0.0
+) -> tuple[Trajectory, Trajectory]:
+    """Both with stamps that can be compared: one that has no times takes those of the other, row by row.
+
+    Raises:
+        InputError: If one has no times, and they have not as many rows, or a time offset is given.
+    """
+    if estimate.timed and reference.timed:
+        return estimate, reference
+    untimed = "reference" if estimate.timed else "estimate"
+    if len(estimate) != len(reference):
+        rows = f"the estimate has {len(estimate)}, the reference {len(reference)}"
+        raise InputError(
+            f"the {untimed} has no times (KITTI files do not), so both must have as many rows: {rows}"
+        )
+    if time_offset:
+        raise InputError(f"time_offset: {time_offset:g} s, but the {untimed} has no times to add it to")
+    if estimate.timed:
+        return estimate, dataclasses.replace(reference, time_ns=estimate.time_ns, timed=True)
+    return dataclasses.replace(estimate, time_ns=reference.time_ns, timed=reference.timed), reference
 
 
 def interpolate(trajectory: Trajectory, time_ns: npt.ArrayLike) -> Trajectory:
@@ -100,7 +125,7 @@ def interpolate(trajectory: Trajectory, time_ns: npt.ArrayLike) -> Trajectory:
     wanted = column_of_stamps("time_ns", time_ns)
     _require_order("trajectory", trajectory)
     if not wanted.size:
-        return _take(trajectory, wanted)
+        return trajectory.take(wanted)
     own = trajectory.time_ns
     if not own.size or wanted.min() < own[0] or wanted.max() > own[-1]:
         raise InputError(
@@ -185,7 +210,7 @@ def _measured(name: str, trajectory: Trajectory) -> Trajectory:
     """The samples that have a position, in time order."""
     _require_order(name, trajectory)
     finite: Mask = np.logical_and.reduce(np.isfinite(trajectory.poses[:, :2]), axis=1)
-    return trajectory if finite.all() else _take(trajectory, finite)
+    return trajectory if finite.all() else trajectory.take(finite)
 
 
 def _kept(estimate: Trajectory, reference: Trajectory, stamps: Stamps) -> Trajectory:
@@ -213,14 +238,3 @@ def _covered(trajectory: Trajectory, wanted: Stamped, max_gap: float) -> Mask:
     close = (own[before] == wanted) | ((own[after] - own[before]) * 1e-9 <= max_gap)
     covered: Mask = (own[0] <= wanted) & (wanted <= own[-1]) & close
     return covered
-
-
-def _take(trajectory: Trajectory, chosen: npt.NDArray[Any]) -> Trajectory:
-    """Some samples of a trajectory, by mask or index."""
-    return dataclasses.replace(
-        trajectory,
-        time_ns=trajectory.time_ns[chosen],
-        poses=trajectory.poses[chosen],
-        twists=None if trajectory.twists is None else trajectory.twists[chosen],
-        covariances=None if trajectory.covariances is None else trajectory.covariances[chosen],
-    )

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from trundle.errors import InputError, require_choice, require_positive
+from trundle.errors import InputError, require_choice, require_positive, require_type
 from trundle.evaluate.alignment import align, align_origin, since_start, transform
-from trundle.evaluate.association import Stamps, associate, describe_spans, shift
+from trundle.evaluate.association import Stamps, associate, at_times, describe_spans, shift
 from trundle.evaluate.consistency import nees
 from trundle.evaluate.pose_error import RelativeErrors, ape, rpe, travelled
 from trundle.evaluate.statistics import Statistics
@@ -48,7 +48,7 @@ class Comparison:
         heading_drift: Mean of the relative heading error per metre of path [rad/m].
         anees: Mean normalised error squared since the start, over its 3 degrees of freedom: 1 is
             honest, more is overconfident.
-        overlap: Time that both trajectories cover [s].
+        overlap: Time that both trajectories cover [s]; None where neither has times.
     """
 
     estimate: Trajectory
@@ -62,7 +62,7 @@ class Comparison:
     drift: float | None
     heading_drift: float | None
     anees: float | None
-    overlap: float
+    overlap: float | None
 
     @property
     def ate(self) -> float:
@@ -103,12 +103,16 @@ def compare(
             reference's path is shorter.
 
     Raises:
-        InputError: If fewer than three samples match; the message says both time spans.
+        InputError: If fewer than three samples match; the message says both time spans. If one has no times
+            (`Trajectory.timed`) and they have not as many rows.
         ConfigError: If there is no such alignment, or a number is impossible.
         Unobservable: If the best alignment is wanted of something that stays at one point.
     """
     alignment = require_choice("alignment", alignment, Alignment)
     rpe_distance = require_positive("rpe_distance", rpe_distance)
+    for name, trajectory in (("estimate", estimate), ("reference", reference)):
+        require_type("compare", name, trajectory, Trajectory)
+    estimate, reference = at_times(estimate, reference, time_offset)
     pair = associate(estimate, reference, max_gap=max_gap, time_offset=time_offset, stamps=stamps)
     shifted = shift(estimate, time_offset)
     matched, truth = pair
@@ -167,7 +171,9 @@ def _anees(estimate: Trajectory, reference: Trajectory) -> float | None:
     return None if mean is None else mean / 3.0
 
 
-def _overlap(estimate: Trajectory, reference: Trajectory) -> float:
+def _overlap(estimate: Trajectory, reference: Trajectory) -> float | None:
+    if not estimate.timed:
+        return None
     start = max(estimate.time_ns[0], reference.time_ns[0])
     end = min(estimate.time_ns[-1], reference.time_ns[-1])
     return float(end - start) * 1e-9

@@ -88,7 +88,8 @@ def rpe(
 
     Raises:
         ShapeError: If the two differ in length.
-        InputError: Unless exactly one positive step is given, or if the reference is shorter than it.
+        InputError: Unless exactly one positive step is given, or if the reference is shorter than it, or it
+            has no times and the step is one.
 
     Source:
         Sturm et al. 2012, "A benchmark for the evaluation of RGB-D SLAM systems": the error of a
@@ -103,6 +104,8 @@ def rpe(
         whole = f"{path[-1]:.6g} m long, distance is {distance:g} m"
     else:
         assert time is not None
+        if not reference.timed:
+            raise InputError("the reference has no times: rpe needs distance [m]")
         elapsed = (reference.time_ns - reference.time_ns[0]).astype(np.float64)
         first, last = _pairs(elapsed, round(_positive("time", time, "s") * 1e9), all_pairs)
         whole = f"{elapsed[-1] * 1e-9:.6g} s long, time is {time:g} s"

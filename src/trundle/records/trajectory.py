@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Integral
 from typing import Any
 
@@ -34,6 +34,7 @@ class Trajectory:
         child_frame: Frame whose poses they are.
         rejected: Samples that were refused on the way here, by reason.
         events: Things that happened on the way here (gaps, re-baselines, ...), by name.
+        timed: Whether the stamps are times. Those of a file that has none (KITTI) only number its rows.
     """
 
     time_ns: npt.NDArray[np.int64]
@@ -44,6 +45,7 @@ class Trajectory:
     child_frame: str = "base_link"
     rejected: Mapping[str, int] = field(default_factory=dict)
     events: Mapping[str, int] = field(default_factory=dict)
+    timed: bool = True
 
     def __post_init__(self) -> None:
         put: Any = object.__setattr__
@@ -66,7 +68,8 @@ class Trajectory:
         said = "".join(f", {name}" for name, there in parts.items() if there is not None)
         poses = "1 pose" if len(self) == 1 else f"{len(self)} poses"
         frames = f"{self.child_frame} in {self.frame}"
-        return f"<Trajectory of {poses}, {self.duration:.6g} s, {self.distance:.6g} m: {frames}{said}>"
+        time = f"{self.duration:.6g} s" if self.timed else "no times"
+        return f"<Trajectory of {poses}, {time}, {self.distance:.6g} m: {frames}{said}>"
 
     def __len__(self) -> int:
         return len(self.time_ns)
@@ -81,6 +84,16 @@ class Trajectory:
         """Length of the path, as the sum of its chords [m]."""
         steps = np.diff(self.poses[:, :2], axis=0)
         return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+
+    def take(self, chosen: npt.NDArray[Any]) -> Trajectory:
+        """Some of the samples, by mask or index."""
+        return replace(
+            self,
+            time_ns=self.time_ns[chosen],
+            poses=self.poses[chosen],
+            twists=None if self.twists is None else self.twists[chosen],
+            covariances=None if self.covariances is None else self.covariances[chosen],
+        )
 
     def pose(self, index: int) -> Pose2D:
         """One pose as a scalar value; negative indices count from the end.
