@@ -24,7 +24,7 @@ from trundle.robot.log_mapping import Kind, LogMapping, ReferenceMapping, TimeMa
 FINITE = st.floats(-1e9, 1e9)
 NUMBERS = arrays.arrays(float, (4, 3), elements=FINITE)
 DRIVE = tr.Differential(track_width=0.2, wheel_radius=0.04)
-STAMPS = arrays.arrays(np.int64, 4, elements=st.integers(-(2**60), 2**60))
+STAMPS = arrays.arrays(np.int64, 4, elements=st.integers(-(2**60), 2**60), unique=True).map(np.sort)
 
 
 @pytest.fixture(scope="module")
@@ -150,6 +150,13 @@ def test_what_a_format_cannot_say_is_refused(folder, suffix, value):
     [
         ("a.kitti", "1 0 0 0 0 1 0 0 0 0 1\n", "11 columns, must be the 12"),
         ("b.kitti", "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 x 0 1 0 0 0 0 1 0\n", "all must be whole"),
+        ("b0.kitti", "0 0 0 0 0 0 0 0 0 0 1 0\n", "row 0 is no pose in the plane"),
+        ("b8.kitti", "1 2 3 0 0 0 0 1\n", "8 columns, must be the 12 .* name it .tum"),
+        ("a.tum", "1 0 0 0 0 1 0 0 0 0 1 0\n", "rows of 12, must be the 8 .* name it .kitti"),
+        ("b.tum", "1 0 0 0 0 0 0 1 9 9\n", "rows of 10, must be the 8 columns"),
+        ("c.tum", "1,0,0,0,0,0,0,1\n", "rows of 1, must be the 8 columns .* divided by blanks"),
+        ("d.tum", "1 0 0 0 0 0 0 0\n2 nan 0 0 0 0 0 1\n", "no row of 2 holds a pose"),
+        ("e.tum", "5 0 0 0 0 0 0 1\n3 0 0 0 0 0 0 1\n", r"row 1 is stamped 3 s, 2 s before .* \[unsorted\]"),
         ("c.euroc", "#timestamp\n1,2,3,4\n", "4 columns, must be at least the 8"),
         ("d.euroc", "#timestamp\n", "no"),
         ("e.jsonl", '{"time_ns": 1, "x": 2}\n', "no column 'y'"),
@@ -159,6 +166,45 @@ def test_files_that_lack_something(folder, name, text, words):
     (folder / name).write_text(text)
     with pytest.raises(LogError, match=words):
         read_trajectory(folder / name)
+
+
+@pytest.mark.parametrize("suffix", [".tum", ".euroc"])
+def test_rows_that_are_no_poses_and_stamps_that_repeat_are_counted(folder, suffix):
+    """As the rows of a log are: late ones are put in order, no heading is nan, no stamp comes twice."""
+    rows = [
+        "0.0 0 1",
+        "0.2 2 1",
+        "0.1 1 1",
+        "0.3 3 0",
+        "0.4 nan 1",
+        "0.5 5 1",
+        "0.5 5 1",
+        "0.5 6 1",
+        "0.6 inf 1",
+    ]
+    lines = ["#timestamp"]
+    for stamp, x, w in map(str.split, rows):
+        time_ns = str(round(float(stamp) * 1e9))
+        cells = [stamp, x, "0 0 0 0 0", w] if suffix == ".tum" else [time_ns, x, "0,0", w, "0,0,0"]
+        lines.append((" " if suffix == ".tum" else ",").join(cells))
+    (folder / f"odd{suffix}").write_text("\n".join([*lines, ""]))
+    back = read_trajectory(folder / f"odd{suffix}")
+    assert back.poses[:, 0].tolist() == [0, 1, 2, 5]
+    assert back.time_ns.tolist() == [0, 100_000_000, 200_000_000, 500_000_000]
+    assert back.rejected == {"nonfinite": 3, "duplicate": 1, "duplicate_conflict": 1}
+    assert back.events == {"reordered": 1}
+    assert np.isfinite(back.poses).all()
+
+
+@pytest.mark.parametrize("suffix", [".tum", ".csv", ".jsonl", ".parquet", ".euroc", ".wpilog"])
+def test_stamps_that_go_back_are_no_trajectory(folder, suffix):
+    path = folder / f"goes_back{suffix}"
+    if suffix == ".parquet":
+        pytest.importorskip("pyarrow")
+    two = Trajectory(time_ns=np.array([5, 1, 1]) * 10**9, poses=np.eye(3))
+    write_trajectory(two, path)
+    with pytest.raises(LogError, match=r" 4 s.*\[unsorted\]"):
+        read_trajectory(path)
 
 
 @pytest.mark.parametrize("head", ["#timestamp [ns],p_x", "# timestamp, p_x", "#timestamp,p"])

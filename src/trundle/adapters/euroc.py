@@ -8,7 +8,7 @@ import numpy as np
 
 from trundle.adapters.decimal_text import decimal_lines
 from trundle.adapters.numeral import Real, Stamp
-from trundle.adapters.quaternion import quaternion_of_yaw, yaw_of_quaternion
+from trundle.adapters.quaternion import quaternion_of_yaw, whole_poses, yaw_of_quaternion
 from trundle.adapters.table import Wanted, open_table
 from trundle.errors import InputError, LogSchema
 from trundle.records import Trajectory
@@ -46,7 +46,7 @@ def read_euroc(path: Path) -> Trajectory:
 
     Raises:
         LogError: If the file cannot be read.
-        LogSchema: If it has fewer than eight columns.
+        LogSchema: If it has fewer than eight columns, or no row holds a pose.
     """
     table = open_table(path, TableFormat(header=False))
     if len(table.names) < 8:
@@ -56,4 +56,4 @@ def read_euroc(path: Path) -> Trajectory:
     rows = table.read([Wanted(0, Stamp(Unit.NS)), *(Wanted(k, Real()) for k in (1, 2, 5, 6, 7, 4))])
     time_ns, x, y, *quaternion = rows.columns
     poses = np.stack([x, y, yaw_of_quaternion(*quaternion)], axis=-1)
-    return Trajectory(time_ns=time_ns, poses=poses, rejected=rows.rejected)
+    return whole_poses(path, Trajectory(time_ns=time_ns, poses=poses, rejected=rows.rejected))

@@ -43,10 +43,15 @@ def read_kitti(path: Path) -> Trajectory:
     """
     table = open_table(path, TableFormat(delimiter=" ", header=False))
     if len(table.names) != 12:
-        raise LogSchema(path, "column", f"{len(table.names)} columns, must be the 12 of a KITTI trajectory")
+        problem = f"{len(table.names)} columns, must be the 12 of a KITTI trajectory"
+        likely = "; 8 are a TUM trajectory's: name it .tum" if len(table.names) == 8 else ""
+        raise LogSchema(path, "column", problem + likely)
     rows = table.read([Wanted(k, Real()) for k in (3, 7, 0, 4)])
     if rows.rejected:
         raise LogSchema(path, "parse", f"rows stand for times, so all must be whole: {rows.warnings[0]}")
     x, y, c, s = rows.columns
-    poses = np.stack([x, y, np.arctan2(s, c)], axis=-1)
+    poses = np.stack([x, y, np.where(np.hypot(c, s) > 0.0, np.arctan2(s, c), np.nan)], axis=-1)
+    if len(unknown := np.flatnonzero(~np.isfinite(poses).all(axis=1))):
+        problem = f"rows stand for times, so all must be whole: row {unknown[0]} is no pose in the plane"
+        raise LogSchema(path, "nonfinite", problem)
     return Trajectory(time_ns=np.arange(len(x)) * ROW_NS, poses=poses, timed=False)

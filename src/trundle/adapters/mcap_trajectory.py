@@ -17,7 +17,7 @@ import numpy.typing as npt
 from trundle.adapters.bag import BagReader, open_bag
 from trundle.adapters.mcap_records import HEAD, MESSAGE_FIELDS, Kind
 from trundle.adapters.mcap_writer import Channel, McapWriter
-from trundle.adapters.quaternion import quaternion_of_yaw, yaw_of_quaternion
+from trundle.adapters.quaternion import quaternion_of_yaw, whole_poses, yaw_of_quaternion
 from trundle.adapters.topic_columns import TopicColumns
 from trundle.adapters.topic_fields import pose_fields, twist_fields
 from trundle.errors import InputError, LogSchema, listed
@@ -127,7 +127,7 @@ def read_mcap_trajectory(path: Path) -> Trajectory:
         word if isinstance(word, str) and word else usual
         for word, usual in zip_longest(words, ("odom", "base_link"))
     )
-    return Trajectory(
+    trajectory = Trajectory(
         time_ns=stamps,
         poses=poses,
         twists=np.stack([_numbers(columns, name) for name in twist], axis=-1) if twist else None,
@@ -135,6 +135,7 @@ def read_mcap_trajectory(path: Path) -> Trajectory:
         frame=frame,
         child_frame=child_frame,
     )
+    return whole_poses(path, trajectory)
 
 
 # ------------------------------------------------------------------------------------ reading

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections import Counter
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["quaternion_of_yaw", "yaw_of_quaternion"]
+from trundle.errors import LogSchema
+from trundle.records import Trajectory
+
+__all__ = ["quaternion_of_yaw", "whole_poses", "yaw_of_quaternion"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -29,3 +34,19 @@ def yaw_of_quaternion(x: Any, y: Any, z: Any, w: Any) -> Floats:
         x, y, z, w = x / safe, y / safe, z / safe, w / safe
     yaw: Floats = np.arctan2(2.0 * (w * z + x * y), (w * w - z * z) + (x * x - y * y))
     return yaw
+
+
+def whole_poses(source: object, trajectory: Trajectory) -> Trajectory:
+    """The rows of a file that hold a position and a rotation; the others are counted as `nonfinite`.
+
+    Raises:
+        LogSchema: If no row does.
+    """
+    whole: npt.NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(trajectory.poses), axis=1)
+    if whole.all():
+        return trajectory
+    if not whole.any():
+        needed = "positions and rotations must be finite, and rotations not zero"
+        raise LogSchema(source, "nonfinite", f"no row of {len(whole)} holds a pose: {needed}")
+    refused = Counter(trajectory.rejected) + Counter(nonfinite=int((~whole).sum()))
+    return dataclasses.replace(trajectory.take(whole), rejected=refused)

@@ -1,8 +1,9 @@
-"""Rows of a log in the order of their stamps."""
+"""Rows of logs and trajectories in the order of their stamps."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from operator import itemgetter
 from typing import Any
@@ -11,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from trundle.errors import LogError
-from trundle.records import WheelLog
+from trundle.records import Trajectory, WheelLog
 
-__all__ = ["MOST_LATE_NS", "in_order", "pieces_in_order"]
+__all__ = ["MOST_LATE_NS", "in_order", "pieces_in_order", "poses_in_order"]
 
 MOST_LATE_NS = (
     1_000_000_000  # messages overtake each other by less; more is a clock that was set, or another run
@@ -56,24 +57,71 @@ def pieces_in_order(pieces: Iterable[WheelLog]) -> Iterator[WheelLog]:
         yield dataclasses.replace(waiting, warnings=_warning(total, worst))
 
 
+def poses_in_order(source: object, trajectory: Trajectory) -> Trajectory:
+    """A trajectory whose stamps rise: late rows are put in order, those that repeat a stamp are left out.
+
+    Args:
+        source: The file, for errors.
+        trajectory: Rows as they were recorded.
+
+    Returns:
+        `events` counts those that were `reordered`; `rejected` those that were left out, as `duplicate`, or
+        `duplicate_conflict` where the pose is another than the one above.
+
+    Raises:
+        LogError: `unsorted`, if a row is more than a second late.
+    """
+    late = _lateness(trajectory.time_ns)
+    if late.any():
+        remedy = "the clock was set, or one run follows another: put each into a file of its own"
+        _refuse_late(source, trajectory.time_ns, late, remedy)
+        trajectory = trajectory.take(np.argsort(trajectory.time_ns, kind="stable"))
+    again = np.diff(trajectory.time_ns) == 0
+    same = again & ((trajectory.poses[1:] == trajectory.poses[:-1]) | np.isnan(trajectory.poses[1:])).all(
+        axis=1
+    )
+    refused = Counter(duplicate=int(same.sum()), duplicate_conflict=int((again & ~same).sum()))
+    if again.any():
+        trajectory = trajectory.take(np.append(True, ~again))
+    return dataclasses.replace(
+        trajectory,
+        rejected=Counter(trajectory.rejected) + refused,
+        events=Counter(trajectory.events) + Counter(reordered=int((late > 0).sum())),
+    )
+
+
 def _ordered(log: WheelLog, *, sort: bool = False) -> tuple[WheelLog, int, int]:
     """The log in order, how many rows were not, and how late the worst of them was [ns]."""
-    latest = np.maximum.accumulate(log.time_ns)
-    late = (latest - log.time_ns).view(np.uint64)  # as unsigned numbers these differences cannot overflow
+    late = _lateness(log.time_ns)
     if not late.any():
         return log, 0, 0
-    most = int(late.max())
-    if most > MOST_LATE_NS and not sort:
-        row = int((late > MOST_LATE_NS).argmax())
-        stamp, late_by = _seconds(int(log.time_ns[row])), _seconds(int(late[row]))
-        problem = (
-            f"row {row} is stamped {stamp} s, {late_by} s before a row above it, must be at most"
-            f" {_seconds(MOST_LATE_NS)} s. sort=True (--sort) puts all rows in order: right where rows were"
-            " shuffled, wrong where the clock was set or one run follows another"
+    if not sort:
+        remedy = (
+            "sort=True (--sort) puts all rows in order: right where rows were shuffled, wrong where the clock"
+            " was set or one run follows another"
         )
-        raise LogError(log.source, "unsorted", problem)
+        _refuse_late(log.source, log.time_ns, late, remedy)
     order = np.argsort(log.time_ns, kind="stable")
-    return _with_rows(log, lambda column: column[order]), int((late > 0).sum()), most
+    return _with_rows(log, lambda column: column[order]), int((late > 0).sum()), int(late.max())
+
+
+def _lateness(time_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.uint64]:
+    """How long before the latest row above it each row is stamped [ns]; as unsigned numbers, no overflow."""
+    return (np.maximum.accumulate(time_ns) - time_ns).view(np.uint64)
+
+
+def _refuse_late(
+    source: object, time_ns: npt.NDArray[np.int64], late: npt.NDArray[np.uint64], remedy: str
+) -> None:
+    if not (late > MOST_LATE_NS).any():
+        return
+    row = int((late > MOST_LATE_NS).argmax())
+    stamp, late_by = _seconds(int(time_ns[row])), _seconds(int(late[row]))
+    problem = (
+        f"row {row} is stamped {stamp} s, {late_by} s before a row above it, must be at most"
+        f" {_seconds(MOST_LATE_NS)} s. {remedy}"
+    )
+    raise LogError(source, "unsorted", problem)
 
 
 def _warning(count: int, most: int) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from trundle.adapters.atomic import atomic_path
 from trundle.adapters.content import beginning_of
+from trundle.adapters.stamp_order import poses_in_order
 from trundle.adapters.trajectory_format import TRAJECTORY_FORMATS
 from trundle.errors import InputError, LogError, require_path, require_type
 from trundle.records import Trajectory
@@ -46,14 +47,16 @@ def read_trajectory(path: str | os.PathLike[str], *, body: str | None = None) ->
 
     Files of poses and `.mcap` have headings in (-pi, pi]. What a `.kitti` file holds is not `timed`.
     A `.csv` may also be EuRoC's, or a take of OptiTrack's Motive with one rigid body. Rows that cannot be
-    read are counted in `rejected`.
+    read, that hold no pose or that repeat a stamp are counted in `rejected`; rows up to a second late are put
+    in order.
 
     Args:
         path: Its suffix says the format.
         body: Of a take with several rigid bodies, the one that is meant.
 
     Raises:
-        LogError: If the file cannot be read, or the suffix is not known (`format`).
+        LogError: If the file cannot be read, the suffix is not known (`format`), or its stamps go back by
+            more than a second (`unsorted`).
         LogSchema: If it lacks a column.
         MissingExtra: If the format needs a package that is not installed.
     """
@@ -65,8 +68,10 @@ def read_trajectory(path: str | os.PathLike[str], *, body: str | None = None) ->
     if body is not None:
         from trundle.adapters.motive import read_motive
 
-        return read_motive(path, body)
-    return _READERS[suffix](path)
+        found = read_motive(path, body)
+    else:
+        found = _READERS[suffix](path)
+    return poses_in_order(path, found)
 
 
 def _write_tum(trajectory: Trajectory, path: Path) -> None:

@@ -9,9 +9,9 @@ import numpy as np
 
 from trundle.adapters.decimal_text import Seconds, decimal_lines
 from trundle.adapters.numeral import Real, Stamp
-from trundle.adapters.quaternion import quaternion_of_yaw, yaw_of_quaternion
+from trundle.adapters.quaternion import quaternion_of_yaw, whole_poses, yaw_of_quaternion
 from trundle.adapters.table import Wanted, open_table
-from trundle.errors import InputError
+from trundle.errors import InputError, LogSchema
 from trundle.records import Trajectory
 from trundle.robot.log_mapping import TableFormat
 
@@ -49,11 +49,15 @@ def read_tum(path: Path) -> Trajectory:
 
     Raises:
         LogError: If the file cannot be read.
-        LogSchema: If it has other than eight columns.
+        LogSchema: If it has other than eight columns, or no row holds a pose.
     """
     table = open_table(path, TableFormat(delimiter=" ", header=False))
+    if len(table.names) != 8:
+        problem = f"rows of {len(table.names)}, must be the 8 columns of a TUM trajectory, divided by blanks"
+        likely = "; 12 are a KITTI trajectory's: name it .kitti" if len(table.names) == 12 else ""
+        raise LogSchema(path, "column", problem + likely)
     columns = [Wanted(0, Stamp()), *(Wanted(k, Real()) for k in (1, 2, 4, 5, 6, 7))]
     rows = table.read(columns)
     time_ns, x, y, *quaternion = rows.columns
     poses = np.stack([x, y, yaw_of_quaternion(*quaternion)], axis=-1)
-    return Trajectory(time_ns=time_ns, poses=poses, rejected=rows.rejected)
+    return whole_poses(path, Trajectory(time_ns=time_ns, poses=poses, rejected=rows.rejected))

@@ -61,9 +61,12 @@ def advice(rejected: Mapping[str, int], accepted: int, robot: Robot) -> list[str
 
 
 def left_out(source: Path | str, trajectory: Trajectory) -> tuple[str, ...]:
-    """A sentence about the rows of a trajectory's file that could not be read; none where all could."""
-    rejected = counted(trajectory.rejected)
-    return (f"{source}: rows were left out: {rejected}",) if rejected else ()
+    """Sentences about the rows of a trajectory's file that were left out, or stood late; none as a rule."""
+    rejected, late = counted(trajectory.rejected), trajectory.events.get("reordered")
+    gaps = (f"{source}: rows were left out: {rejected}",) if rejected else ()
+    return (
+        (*gaps, f"{source}: {plural(late, 'row')} out of the order of time, put in order") if late else gaps
+    )
 
 
 def without_times(source: Path, trajectory: Trajectory, what: str) -> tuple[str, ...]:
