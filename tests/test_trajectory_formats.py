@@ -14,6 +14,7 @@ from hypothesis.extra import numpy as arrays
 
 import trundle as tr
 from trundle.adapters.motive import read_motive
+from trundle.adapters.quaternion import continuous
 from trundle.adapters.trajectory import TRAJECTORY_SUFFIXES, read_trajectory, write_trajectory
 from trundle.apps.cli import main
 from trundle.errors import InputError, LogError, LogLimit, LogSchema
@@ -130,6 +131,30 @@ def test_help_of_info_knows_every_kind_of_log(capsys):
     assert main(["info", "--help"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert [content.value for content in Content if content.value not in said] == []
+
+
+@pytest.mark.parametrize("suffix", TRAJECTORY_SUFFIXES)
+def test_turns_outlive_every_format(folder, suffix):
+    """A robot that turned three times knows it. Only turns before the first row may be lost."""
+    if suffix == ".parquet":
+        pytest.importorskip("pyarrow")
+    angle = 7.0 + np.concatenate([np.linspace(0.0, 25.0, 80), np.linspace(25.0, -30.0, 160)])
+    poses = np.stack([np.sin(angle), 1.0 - np.cos(angle), angle], axis=-1)
+    write_trajectory(Trajectory(time_ns=np.arange(240) * 50_000_000, poses=poses), folder / f"turns{suffix}")
+    back = read_trajectory(folder / f"turns{suffix}")
+    before = 2.0 * np.pi * np.rint((angle[0] - back.poses[0, 2]) / (2.0 * np.pi))
+    np.testing.assert_allclose(back.poses[:, 2] + before, angle, atol=1e-13)
+    assert -np.pi < back.poses[0, 2] <= np.pi or before == 0.0
+
+
+def test_turns_are_followed_past_rows_without_a_heading():
+    wrapped = se2.wrap(np.linspace(0.0, 20.0, 60))
+    assert np.abs(np.diff(wrapped)).max() > 5.0
+    wrapped[[0, 20, 21, 59]] = np.nan
+    followed = continuous(wrapped)
+    wanted = np.where(np.isnan(wrapped), np.nan, np.linspace(0.0, 20.0, 60))
+    np.testing.assert_allclose(followed, wanted, atol=1e-13)
+    assert continuous(np.empty(0)).shape == (0,)
 
 
 # ------------------------------------------------------------------------- what is refused

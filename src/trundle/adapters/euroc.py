@@ -42,7 +42,7 @@ def write_euroc(trajectory: Trajectory, path: Path) -> None:
 
 
 def read_euroc(path: Path) -> Trajectory:
-    """Read poses; headings come in (-pi, pi].
+    """Read poses; headings are continuous, from (-pi, pi] on.
 
     Raises:
         LogError: If the file cannot be read.

@@ -8,6 +8,7 @@ import numpy as np
 
 from trundle.adapters.decimal_text import decimal_lines
 from trundle.adapters.numeral import Real
+from trundle.adapters.quaternion import continuous
 from trundle.adapters.table import Wanted, open_table
 from trundle.errors import InputError, LogSchema
 from trundle.records import Trajectory
@@ -50,7 +51,8 @@ def read_kitti(path: Path) -> Trajectory:
     if rows.rejected:
         raise LogSchema(path, "parse", f"rows stand for times, so all must be whole: {rows.warnings[0]}")
     x, y, c, s = rows.columns
-    poses = np.stack([x, y, np.where(np.hypot(c, s) > 0.0, np.arctan2(s, c), np.nan)], axis=-1)
+    heading = continuous(np.where(np.hypot(c, s) > 0.0, np.arctan2(s, c), np.nan))
+    poses = np.stack([x, y, heading], axis=-1)
     if len(unknown := np.flatnonzero(~np.isfinite(poses).all(axis=1))):
         problem = f"rows stand for times, so all must be whole: row {unknown[0]} is no pose in the plane"
         raise LogSchema(path, "nonfinite", problem)

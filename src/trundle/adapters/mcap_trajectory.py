@@ -100,7 +100,7 @@ def write_mcap(trajectory: Trajectory, path: Path) -> None:
 
 
 def read_mcap_trajectory(path: Path) -> Trajectory:
-    """Poses of the topic that holds them; headings come in (-pi, pi].
+    """Poses of the topic that holds them; headings are continuous, from (-pi, pi] on.
 
     Raises:
         LogSchema: If no topic holds poses, or several hold the same kind.

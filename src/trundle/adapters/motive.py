@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from trundle.adapters.content import Content, content_of
 from trundle.adapters.numeral import Numeral, Real, Stamp, plain
+from trundle.adapters.quaternion import continuous
 from trundle.errors import LogError, LogLimit, LogSchema, did_you_mean
 from trundle.records import Trajectory
 
@@ -210,7 +211,7 @@ def _is_whole(wanted: Sequence[int], numerals: Sequence[Numeral], row: Cells) ->
 
 
 def _heading(*rotation: npt.NDArray[np.generic]) -> Floats:
-    """Direction of the rotated x axis on the floor, seen from above; the floor's y is -z.
+    """Direction of the rotated x axis on the floor, seen from above and `continuous`; the floor's y is -z.
 
     Args:
         rotation: A quaternion x, y, z, w, or angles [deg] about x, then the turned y, then the turned z.
@@ -223,5 +224,4 @@ def _heading(*rotation: npt.NDArray[np.generic]) -> Floats:
         length = np.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
         qx, qy, qz, qw = (part / np.where(length > 0.0, length, np.nan) for part in (qx, qy, qz, qw))
         x, z = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qz - qy * qw)
-    heading: Floats = np.arctan2(-z, x)
-    return heading
+    return continuous(np.arctan2(-z, x))

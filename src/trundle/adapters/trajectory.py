@@ -45,7 +45,8 @@ def write_trajectory(trajectory: Trajectory, path: str | os.PathLike[str], *, fo
 def read_trajectory(path: str | os.PathLike[str], *, body: str | None = None) -> Trajectory:
     """Read what `write_trajectory` writes: the same stamps and the same numbers.
 
-    Files of poses and `.mcap` have headings in (-pi, pi]. What a `.kitti` file holds is not `timed`.
+    Where a file holds rotations (`.tum`, `.kitti`, `.euroc`, `.mcap`, Motive's), headings begin in (-pi, pi]
+    and follow the path; turns before its first row are not known. What a `.kitti` file holds is not `timed`.
     A `.csv` may also be EuRoC's, or a take of OptiTrack's Motive with one rigid body. Rows that cannot be
     read, that hold no pose or that repeat a stamp are counted in `rejected`; rows up to a second late are put
     in order.

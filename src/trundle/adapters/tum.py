@@ -45,7 +45,7 @@ def tum_lines(trajectory: Trajectory) -> Iterator[str]:
 
 
 def read_tum(path: Path) -> Trajectory:
-    """Read poses; headings come in (-pi, pi].
+    """Read poses; headings are continuous, from (-pi, pi] on.
 
     Raises:
         LogError: If the file cannot be read.
