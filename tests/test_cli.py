@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 
 import trundle as tr
+from trundle.adapters.log import read_log_pieces
 from trundle.apps import cli, plot, progress, rejection, track
 from trundle.apps.cli import main
 from trundle.apps.exit_code import ExitCode, exit_code_of
-from trundle.errors import LogError
+from trundle.errors import LogCorrupt, LogError, LogTruncated
 from trundle.odometry import wheel_odometry
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
@@ -247,6 +248,7 @@ def test_salvaged_recordings_are_partial_results(run, tmp_path, broken_bag):
     assert code == ExitCode.DATA
     assert not output.exists()
     assert "Traceback" not in err
+    assert "salvage=True (--salvage) reads what is whole [truncated]" in err
     for name in ("--salvage", "--allow-partial"):
         code, out, err = run("track", bag, "--robot", robot, "-o", output, name, "--force")
         assert code == ExitCode.PARTIAL
@@ -254,6 +256,26 @@ def test_salvaged_recordings_are_partial_results(run, tmp_path, broken_bag):
         assert "warning" in err
         assert len(tr.read_trajectory(output)) > 10
     assert run("info", bag)[0] == ExitCode.PARTIAL
+
+
+@pytest.mark.parametrize(("suffix", "helps"), [(".csv", True), (".parquet", False), (".npz", False)])
+def test_salvage_is_named_where_it_helps(tmp_path, suffix, helps):
+    """Not of Parquet and archives, which are read whole or not at all."""
+    count = np.arange(60.0)
+    columns = {"time": 0.1 * count, "left.position": count, "right.position": count}
+    log = straight(tmp_path / f"cut{suffix}", count=60)
+    if suffix == ".parquet":
+        pytest.importorskip("pyarrow.parquet").write_table(pytest.importorskip("pyarrow").table(columns), log)
+    elif suffix == ".npz":
+        np.savez(log, **columns)
+    log.write_bytes(log.read_bytes()[: log.stat().st_size * 2 // 3 + 1])
+    drive = tr.Differential(track_width=0.2, wheel_radius=0.05)
+    for read in (tr.read_log, lambda *words, **how: list(read_log_pieces(*words, **how))):
+        with pytest.raises((LogTruncated, LogCorrupt)) as error:
+            read(log, drive)
+        assert ("(--salvage) reads what is whole" in str(error.value)) is helps
+        if helps:
+            read(log, drive, salvage=True)
 
 
 @pytest.fixture

@@ -94,7 +94,7 @@ def test_a_log_that_is_taken_for_a_trajectory_is_told_the_way(tmp_path: Path, ca
 @pytest.mark.parametrize("option", ["--salvage", "--sort"])
 def test_what_is_of_logs_alone_is_refused_for_trajectories(trajectory: Path, option: str, capsys) -> None:
     assert main(["convert", str(trajectory), str(trajectory.parent / "out.tum"), option]) == 2
-    assert f"{option}: is of wheel logs, which need --robot" in capsys.readouterr().err
+    assert f"{option}: is of wheel logs, which need --robot; trajectories and" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from trundle.adapters.content import Content, content_of
 from trundle.adapters.sensor_correction import corrected
 from trundle.adapters.stamp_order import in_order, pieces_in_order
 from trundle.adapters.steady_file import SteadyFile
-from trundle.errors import LogError, TrundleError, require_path
+from trundle.errors import LogCorrupt, LogError, LogTruncated, TrundleError, require_path
 from trundle.records import WheelLog
 from trundle.robot import Kinematics, LogMapping, Robot
 
@@ -42,7 +42,8 @@ def read_log(
             told apart by content.
         robot: Whose log it is; or just its drive.
         mapping: How the log says it, in place of the robot's own `log` section.
-        salvage: Of a damaged recording, read what can be read; `warnings` say what could not.
+        salvage: Of a damaged file, read what can be read; `warnings` say what could not. Parquet, NumPy
+            archives and tubs are read whole or not at all.
         sort: Put rows in the order of their stamps however late they come; without it, up to one second.
 
     Returns:
@@ -63,7 +64,7 @@ def read_log(
     described = robot if isinstance(robot, Robot) else Robot(drive=robot)
     content, file = content_of(path), SteadyFile(path)
     # NaN and infinity go through units and mountings as they are: odometry judges them.
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"), _remedied(content, salvage=salvage):
         log = _read(content, file, described, mapping or described.log, salvage=salvage)
     log = in_order(corrected(log, mapping or described.log), sort=sort)
     return dataclasses.replace(log, warnings=(*log.warnings, *_silence(log, described)))
@@ -95,7 +96,8 @@ def read_log_pieces(
         yield read_log(path, robot, salvage=salvage)
         return
     described, file = robot if isinstance(robot, Robot) else Robot(drive=robot), SteadyFile(path)
-    yield from pieces_in_order(_steady(cut(path, described, salvage), file, described, salvage=salvage))
+    with _remedied(content_of(path), salvage=salvage):
+        yield from pieces_in_order(_steady(cut(path, described, salvage), file, described, salvage=salvage))
 
 
 def is_long(path: Path, robot: Robot) -> bool:
@@ -163,6 +165,18 @@ def _read(
 
 
 @contextmanager
+def _remedied(content: Content, *, salvage: bool) -> Iterator[None]:
+    """Errors of damaged files name `salvage` where that helps and was not asked for."""
+    try:
+        yield
+    except (LogTruncated, LogCorrupt) as error:
+        if salvage or content not in _SALVAGED or error.reason not in ("truncated", "corrupt"):
+            raise
+        problem = f"{error.problem}; salvage=True (--salvage) reads what is whole"
+        raise type(error)(error.source, error.reason, problem) from error
+
+
+@contextmanager
 def _readable(file: SteadyFile) -> Iterator[None]:
     """Errors while a file is read, as they are told: that it changed comes first."""
     try:
@@ -211,6 +225,8 @@ def _read_tub(path: Path, robot: Robot, mapping: LogMapping, _salvage: bool) -> 
     return read_tub_log(path, robot, mapping)
 
 
+# Formats of which damaged files are read as far as they are whole.
+_SALVAGED = (Content.TEXT, Content.JSON, Content.MCAP, Content.ROSBAG1, Content.ROSBAG2, Content.WPILOG)
 # Formats that load nothing until they are read.
 _CUTTERS: dict[Content, Cutter] = {
     Content.TEXT: _table_pieces,

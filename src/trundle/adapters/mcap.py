@@ -513,7 +513,8 @@ class McapFile:
         last = max((chunk.last_ns for chunk in self._chunks), default=0)
         until = f"chunks before it reach until {_seconds(last)} s" if last else "no chunk before it is whole"
         error = LogTruncated(self.path, "truncated", f"{where}; {until}")
-        self._lose(error, "; what came behind is lost")
+        kept = "; what is whole of it is kept" if cut.kind is Kind.CHUNK else ""
+        self._lose(error, f"{kept}; what came behind is lost")
         if cut.kind is Kind.CHUNK:
             self._keep_cut_chunk(cut.position)
 

@@ -377,7 +377,8 @@ class Rosbag1File:
             else "no chunk before it is whole"
         )
         error = LogTruncated(self.path, "truncated", f"ends at byte {size}, {where}; {until}")
-        self._lose(error, "; what came behind is lost")
+        kept = "; what is whole of it is kept" if kind is _Kind.CHUNK and position < size else ""
+        self._lose(error, f"{kept}; what came behind is lost")
         if kind is _Kind.CHUNK and position < size:
             start, _ = _data_range(self._data, position, may_be_cut=True)
             header = _fields(self._data[position + 4 : start - 4].tobytes())

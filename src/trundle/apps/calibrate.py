@@ -78,7 +78,7 @@ def calibrate(
         ros2: Parameters of a ros2_controllers controller (.yaml); differential ones as three multipliers.
         myconfig: Lines for a donkeycar's myconfig.py.
         wpilib: Constants for WPILib: .java, or .py for RobotPy.
-        salvage: Of damaged recordings, read what can be read (exit code 4).
+        salvage: Of damaged logs, read what can be read (exit code 4).
         force: Replace files that exist.
     """
     from trundle.adapters.robot_yaml import load_robot

@@ -48,7 +48,7 @@ def convert(
         output: Its suffix says the format.
         robot: The description of the robot whose log it is; its log: section says what is in it.
         body: Of a take of OptiTrack's Motive with several rigid bodies, the one that is meant.
-        salvage: Of a damaged recording, read what can be read (exit code 4).
+        salvage: Of a damaged wheel log, read what can be read (exit code 4).
         sort: Put rows of a log in the order of time, however late they come; without it, up to one second.
         force: Replace a file that exists.
     """
@@ -62,7 +62,10 @@ def convert(
         return _convert_log(source, described, output, salvage=salvage, sort=sort, force=force)
     if salvage or sort:
         option = "--salvage" if salvage else "--sort"
-        raise InputError(f"{option}: is of wheel logs, which need --robot; all else is read whole")
+        raise InputError(
+            f"{option}: is of wheel logs, which need --robot; trajectories and robots are read whole or not"
+            " at all"
+        )
     if output.suffix.lower() in _DESCRIPTIONS:
         check_output(output, suffixes=_DESCRIPTIONS, inputs=[source], force=force)
         return _convert_robot(source, output)

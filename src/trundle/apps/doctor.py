@@ -64,7 +64,7 @@ def doctor(
         drove: What the robot did all through the log, seen from above and from its seat.
         distance: About how far that was, such as 2, 2m or "80 cm".
         turns: About how many turns.
-        salvage: Of a damaged recording, read what can be read (exit code 4).
+        salvage: Of a damaged log, read what can be read (exit code 4).
     """
     from trundle.adapters.log import read_log
     from trundle.adapters.robot_yaml import load_robot

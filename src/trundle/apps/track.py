@@ -56,7 +56,7 @@ def track(
         plot: A picture as well: .png, .svg or .pdf.
         reference: A trajectory to compare with, in place of the log's own reference.
         integrator: How steps become a path.
-        salvage: Of a damaged recording, read what can be read (exit code 4).
+        salvage: Of a damaged log, read what can be read (exit code 4).
         sort: Put rows in the order of their stamps, however late they come; without it, up to one second.
         force: Replace files that exist.
     """
