@@ -222,7 +222,11 @@ def test_runs_are_held_out_by_folder(run, estimator, tmp_path):
 def test_other_tools_get_the_same_numbers(run, estimator, tmp_path):
     ros2, mine, java = tmp_path / "c.yaml", tmp_path / "myconfig.py", tmp_path / "DriveNumbers.java"
     outputs = ("--ros2", ros2, "--myconfig", mine, "--wpilib", java)
-    assert run("calibrate", *CAMERA, "--robot", ROBOT, *outputs)[0] == 0
+    code, _, err = run("calibrate", *CAMERA, "--robot", ROBOT, *outputs)
+    assert code == 0
+    mean = "donkeycar knows one wheel radius: the mean of left 41.32 mm, right 41.65 mm"
+    assert f"warning: {mine}: {mean}" in err
+    assert f"# {mean}\n" in mine.read_text()
     text = ros2.read_text()
     assert "wheel_separation: 0.2\n" in text
     assert f"wheel_separation_multiplier: {0.2061 / 0.2!r}\n" in text

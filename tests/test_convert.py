@@ -85,8 +85,10 @@ def test_a_reference_with_stamps_of_its_own_is_put_at_the_rows(tmp_path: Path) -
     np.testing.assert_allclose(got.poses, wanted, atol=1e-12)
 
 
-def test_a_log_that_is_taken_for_a_trajectory_is_told_the_way(tmp_path: Path, capsys) -> None:
-    source = EXAMPLES / "differential" / "run.csv"
+@pytest.mark.parametrize("suffix", [".csv", ".bag", ".db3"])
+def test_a_log_that_is_taken_for_a_trajectory_is_told_the_way(tmp_path: Path, suffix, capsys) -> None:
+    source = tmp_path / f"run{suffix}"
+    source.write_bytes((EXAMPLES / "differential" / "run.csv").read_bytes())
     assert main(["convert", str(source), str(tmp_path / "out.tum")]) == 3
     assert "a wheel log is converted with --robot robot.yaml" in capsys.readouterr().err
 
@@ -103,12 +105,15 @@ def test_what_is_of_logs_alone_is_refused_for_trajectories(trajectory: Path, opt
         ("run.csv", 2, "is the input itself, must be another file"),
         ("run.xyz", 2, "must end in one of .tum"),
         ("nowhere/run.tum", 5, "there is no folder"),
+        ("folder.tum", 5, "is a folder, must be a file"),
+        ("robot.urdf", 2, "robots are only read from .urdf, .xacro; they are written as .yaml (robot"),
     ],
 )
 def test_outputs_that_cannot_be_are_refused_first(
     trajectory: Path, name: str, code: int, words: str, capsys
 ) -> None:
     before = trajectory.read_bytes()
+    (trajectory.parent / "folder.tum").mkdir()
     assert main(["convert", str(trajectory), str(trajectory.parent / name)]) == code
     assert words in capsys.readouterr().err
     assert trajectory.read_bytes() == before
@@ -150,6 +155,26 @@ def test_a_robot_that_is_described_elsewhere_becomes_robot_yaml(tmp_path: Path, 
     assert "robot.yaml" in capsys.readouterr().out
     assert main(["convert", str(source), str(out)]) == 2
     assert "--force replaces it" in capsys.readouterr().err
+
+
+def test_robot_yaml_becomes_what_others_read(tmp_path: Path, capsys) -> None:
+    """As `calibrate --ros2` and `--myconfig` write it; robot.yaml itself is never taken for parameters."""
+    source = EXAMPLES / "differential" / "robot.yaml"
+    assert main(["convert", str(source), str(tmp_path / "controllers.yaml")]) == 0
+    again = tr.robot_from_controllers(tmp_path / "controllers.yaml").drive
+    wanted = tr.load_robot(source).drive
+    assert again.parameters["track_width"] == wanted.parameters["track_width"]
+    assert main(["convert", str(source), str(tmp_path / "snippet.py")]) == 0
+    assert "WHEEL_RADIUS = 0.042" in (tmp_path / "snippet.py").read_text()
+    assert capsys.readouterr().err == ""
+    uneven = tmp_path / "uneven.yaml"
+    uneven.write_text(
+        "drive: {type: differential, track_width: 0.2, wheel_radius: {left: 41.34 mm, right: 41.65 mm}}\n"
+    )
+    assert main(["convert", str(uneven), str(tmp_path / "uneven.py")]) == 0
+    words = "donkeycar knows one wheel radius: the mean of left 41.34 mm, right 41.65 mm"
+    assert words in capsys.readouterr().err
+    assert f"# {words}\n" in (tmp_path / "uneven.py").read_text()
 
 
 def test_what_describes_no_robot_is_refused(tmp_path: Path, capsys) -> None:

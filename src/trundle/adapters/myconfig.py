@@ -14,7 +14,7 @@ from typing import TypeAlias
 from trundle.errors import ConfigError, InputError, require_path
 from trundle.robot import Ackermann, Bicycle, Differential, Encoder, Limits, Robot
 
-__all__ = ["myconfig_text", "read_myconfig", "robot_from_myconfig"]
+__all__ = ["myconfig_text", "read_myconfig", "robot_from_myconfig", "unsaid_in_myconfig"]
 
 Value: TypeAlias = float | bool | str | None
 Values: TypeAlias = Mapping[str, Value]
@@ -247,7 +247,7 @@ def _positive(values: Values, name: str) -> float | None:
 def myconfig_text(robot: Robot) -> str:
     """Lines for a donkeycar's myconfig.py that say what a robot's description says.
 
-    donkeycar knows one wheel radius: where the wheels differ, it gets their mean.
+    donkeycar knows one wheel radius: where the wheels differ, it gets their mean, and a comment says so.
 
     Args:
         robot: A differential drive, or a car (bicycle, Ackermann).
@@ -257,7 +257,17 @@ def myconfig_text(robot: Robot) -> str:
     """
     values = {**_lengths(robot), **_speeds(robot), **_counts(robot)}
     lines = [f"{name} = {value!r}  # {unit}" for name, (value, unit) in values.items()]
-    return "\n".join(["# MEASURED ROBOT PROPERTIES, in m, m/s and rad", *lines, ""])
+    remarks = [f"# {words}" for words in unsaid_in_myconfig(robot)]
+    return "\n".join(["# MEASURED ROBOT PROPERTIES, in m, m/s and rad", *remarks, *lines, ""])
+
+
+def unsaid_in_myconfig(robot: Robot) -> tuple[str, ...]:
+    """What `myconfig_text` cannot say of a robot, as sentences; none as a rule."""
+    radii = {name: robot.drive.wheel(name).radius for name in robot.drive.measured_names}
+    if len(set(radii.values())) < 2:
+        return ()
+    several = ", ".join(f"{name} {1000.0 * radius:.4g} mm" for name, radius in radii.items())
+    return (f"donkeycar knows one wheel radius: the mean of {several}",)
 
 
 def _lengths(robot: Robot) -> dict[str, tuple[float | bool, str]]:

@@ -23,7 +23,7 @@ from trundle.adapters.yaml_document import YamlDocument, parse_yaml, resolve_pla
 from trundle.errors import ConfigError, require_path, require_type
 from trundle.robot import Robot
 
-__all__ = ["load_robot", "robot_text", "save_robot"]
+__all__ = ["is_robot_yaml", "load_robot", "robot_text", "save_robot"]
 
 MOST_READ = (1 << 20) + 1  # one byte more than is allowed, so that too much is seen
 NO_NOTES: Mapping[str, str] = MappingProxyType({})
@@ -42,6 +42,16 @@ def load_robot(path: str | Path) -> Robot:
             allowed, and the line.
     """
     return _described(parse_yaml(_read(require_path(path)), str(path)))
+
+
+def is_robot_yaml(path: str | Path) -> bool:
+    """Whether a YAML file is meant as a robot's description: it has a `drive`.
+
+    Raises:
+        ConfigError: If it cannot be read, or is no plain YAML 1.2.
+    """
+    data = parse_yaml(_read(require_path(path)), str(path)).data
+    return isinstance(data, Mapping) and "drive" in data
 
 
 def save_robot(

@@ -126,6 +126,7 @@ def calibrate(
     print(*_told(found, judged), sep="\n")
     print(*labelled(outputs.written(trusted=trusted)), sep="\n")
     warnings = [*(warning for run in runs for warning in run.log.warnings), *found.warnings, *doubts]
+    warnings += outputs.unsaid(found, trusted=trusted)
     for warning in dict.fromkeys(warnings):
         print(f"trundle: warning: {warning}", file=sys.stderr)
     if refused := outputs.refused(trusted=trusted):

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from trundle.apps.output_file import check_output
+from trundle.apps.output_file import check_output, write_text
 from trundle.errors import InputError, MissingExtra
 
 if TYPE_CHECKING:
@@ -83,6 +83,17 @@ class CalibrationFiles:
         for kind in self._kinds(trusted=trusted):
             _KINDS[kind].write(self._paths[kind], result)
 
+    def unsaid(self, found: Calibration, *, trusted: bool) -> list[str]:
+        """What a file could not say of the numbers, as sentences."""
+        from trundle.adapters.myconfig import unsaid_in_myconfig
+        from trundle.apps.calibrated_robot import calibrated_robot
+
+        if "myconfig" not in self._kinds(trusted=trusted):
+            return []
+        return [
+            f"{self._paths['myconfig']}: {words}" for words in unsaid_in_myconfig(calibrated_robot(found))
+        ]
+
     def written(self, *, trusted: bool) -> list[tuple[str, str]]:
         """Kind and path of each file."""
         return [(kind, str(self._paths[kind])) for kind in self._kinds(trusted=trusted)]
@@ -118,7 +129,7 @@ def _write_report(path: Path, result: _Result) -> None:
     page = report_page(
         result.found, result.judged, title=result.robot.name, command=command, version=version("trundle")
     )
-    _write_text(path, page)
+    write_text(path, page)
 
 
 def _ros2_text(_path: Path, robot: Robot, nominal: Robot) -> str:
@@ -153,16 +164,9 @@ def _write_for(kind: str) -> Callable[[Path, _Result], None]:
     def write(path: Path, result: _Result) -> None:
         from trundle.adapters.robot_yaml import load_robot
 
-        _write_text(path, _TEXTS[kind](path, result.robot, load_robot(result.described)))
+        write_text(path, _TEXTS[kind](path, result.robot, load_robot(result.described)))
 
     return write
-
-
-def _write_text(path: Path, text: str) -> None:
-    from trundle.adapters.atomic import atomic_path
-
-    with atomic_path(path, force=True) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 class _Kind(NamedTuple):

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from trundle.adapters.content import KINDS_OF_LOG
 from trundle.adapters.trajectory_format import holdings
 from trundle.apps.exit_code import ExitCode
-from trundle.apps.output_file import check_output, files_of
+from trundle.apps.output_file import check_output, files_of, write_text
 from trundle.apps.rejection import without_times
 from trundle.apps.wording import counted, labelled, plural, seconds
 from trundle.errors import InputError
@@ -24,14 +24,22 @@ __all__ = ["convert"]
 
 _MODELS = "parameters of a ros2_controllers controller (.yaml), .urdf, .xacro, a donkeycar's myconfig.py"
 _DESCRIPTIONS = (".yaml", ".yml")
+_ONLY_READ = (".urdf", ".xacro")
+_ROBOTS = (
+    ".yaml (robot.yaml, or of a robot.yaml the ros2_controllers parameters), .py (lines of a myconfig.py)"
+)
 
 
 def convert(
     source: Annotated[
-        Path, Parameter(help=f"A trajectory, told by its suffix; a log: {KINDS_OF_LOG}; a robot: {_MODELS}.")
+        Path,
+        Parameter(
+            help=f"A trajectory, told by its suffix; a log: {KINDS_OF_LOG}; a robot: robot.yaml, {_MODELS}."
+        ),
     ],
     output: Annotated[
-        Path, Parameter(help=f"Its suffix says the format: {holdings()}; .csv for a log; .yaml for a robot.")
+        Path,
+        Parameter(help=f"Its suffix says the format: {holdings()}; .csv for a log; for a robot {_ROBOTS}."),
     ],
     /,
     *,
@@ -41,7 +49,7 @@ def convert(
     sort: Annotated[bool, Parameter(negative="")] = False,
     force: Annotated[bool, Parameter(negative="")] = False,
 ) -> ExitCode:
-    """Write a trajectory in another format, a wheel log (--robot) as our own CSV, a robot as robot.yaml.
+    """Write a trajectory in another format, a wheel log (--robot) as our own CSV, or a robot.
 
     Args:
         source: A trajectory, told by its suffix; a log of any format; or what describes a robot elsewhere.
@@ -66,8 +74,12 @@ def convert(
             f"{option}: is of wheel logs, which need --robot; trajectories and robots are read whole or not"
             " at all"
         )
-    if output.suffix.lower() in _DESCRIPTIONS:
-        check_output(output, suffixes=_DESCRIPTIONS, inputs=[source], force=force)
+    if output.suffix.lower() in _ONLY_READ:
+        raise InputError(
+            f"{output}: robots are only read from {', '.join(_ONLY_READ)}; they are written as {_ROBOTS}"
+        )
+    if output.suffix.lower() in (*_DESCRIPTIONS, ".py"):
+        check_output(output, suffixes=(*_DESCRIPTIONS, ".py"), inputs=[source], force=force)
         return _convert_robot(source, output)
     check_output(output, suffixes=TRAJECTORY_SUFFIXES, inputs=[source], force=force)
     trajectory = _trajectory_of(source, body)
@@ -92,24 +104,37 @@ def _kind(log: WheelLog) -> str:
 def _trajectory_of(source: Path, body: str | None) -> Trajectory:
     """What the file holds; what it lacks may be because it is a log."""
     from trundle.adapters.trajectory import read_trajectory
-    from trundle.errors import LogSchema
+    from trundle.errors import LogError, LogSchema
 
     try:
         return read_trajectory(source, body=body)
-    except LogSchema as error:
+    except LogError as error:
+        if not isinstance(error, LogSchema) and error.reason != "format":
+            raise
         way = "a wheel log is converted with --robot robot.yaml, and trundle track makes its trajectory"
-        raise LogSchema(error.source, error.reason, f"{error.problem}; {way}") from error
+        raise type(error)(error.source, error.reason, f"{error.problem}; {way}") from error
 
 
 def _convert_robot(source: Path, output: Path) -> ExitCode:
-    from trundle.adapters.robot_yaml import save_robot
+    """Robot.yaml from what others write; from robot.yaml, and in a .py file, what others read."""
+    from trundle.adapters.myconfig import myconfig_text, unsaid_in_myconfig
+    from trundle.adapters.robot_yaml import is_robot_yaml, load_robot, save_robot
+    from trundle.adapters.ros2_controllers import controllers_text
 
-    robot = _robot_of(source)
-    save_robot(robot, output)
-    print(
-        *labelled([("robot", robot.name), ("drive", repr(robot.drive)), ("description", str(output))]),
-        sep="\n",
-    )
+    ours = source.suffix.lower() in _DESCRIPTIONS and is_robot_yaml(source)
+    robot = load_robot(source) if ours else _robot_of(source)
+    kind = "description"
+    if output.suffix.lower() == ".py":
+        kind = "myconfig"
+        write_text(output, myconfig_text(robot))
+        for words in unsaid_in_myconfig(robot):
+            print(f"trundle: warning: {output}: {words}", file=sys.stderr)
+    elif ours:
+        kind = "ros2"
+        write_text(output, controllers_text(robot))
+    else:
+        save_robot(robot, output)
+    print(*labelled([("robot", robot.name), ("drive", repr(robot.drive)), (kind, str(output))]), sep="\n")
     return ExitCode.FINE
 
 
@@ -125,7 +150,7 @@ def _robot_of(source: Path) -> Robot:
         return robot_from_myconfig(source)
     if suffix in _DESCRIPTIONS:
         return robot_from_controllers(source)
-    raise InputError(f"{source}: a robot is described by {_MODELS}")
+    raise InputError(f"{source}: a robot is described by robot.yaml, {_MODELS}")
 
 
 def _convert_log(

@@ -11,7 +11,7 @@ from trundle.errors import InputError, OutputError
 if TYPE_CHECKING:
     from trundle.robot import Robot
 
-__all__ = ["check_output", "files_of"]
+__all__ = ["check_output", "files_of", "write_text"]
 
 
 def check_output(path: Path, *, suffixes: Sequence[str], inputs: Sequence[Path], force: bool) -> None:
@@ -26,8 +26,10 @@ def check_output(path: Path, *, suffixes: Sequence[str], inputs: Sequence[Path],
     Raises:
         InputError: If the suffix is another one, the file is an input or lies in one, or exists and `force`
             is not given.
-        OutputError: If its folder does not exist.
+        OutputError: If it is a folder, or its own folder does not exist.
     """
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder, must be a file or a new name")
     if path.suffix.lower() not in suffixes:
         raise InputError(f"{path}: an output here must end in one of {', '.join(suffixes)}")
     if not path.parent.is_dir():
@@ -38,6 +40,14 @@ def check_output(path: Path, *, suffixes: Sequence[str], inputs: Sequence[Path],
         raise InputError(f"{path}: lies in the input {folder}, must stand elsewhere; --force does not help")
     if path.exists() and not force:
         raise InputError(f"{path}: exists; --force replaces it")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write what other programs read: the complete new file, or the old one untouched."""
+    from trundle.adapters.atomic import atomic_path
+
+    with atomic_path(path, force=True) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 def files_of(log: Path, robot: Robot) -> list[Path]:
