@@ -616,6 +616,13 @@ FAULTS = {
     "L12-time-ns": refused(
         "time_ns,left.position,right.position\n0,1,2\n20,1,2\n40,1,2\n", LogSchema, "unit"
     ),
+    "L12-time-ns-in-s": refused(
+        POSITIONS.replace("time,", "time_ns,") + "".join(f"{k / 30:.9f},1,2\n" for k in range(90)),
+        LogSchema,
+        "unit",
+        "90 rows in 3e-09 s",
+        "declare log.time.unit: s?",
+    ),
     "L12-reference-length": refused(
         POSITIONS.replace("\n", ",x,y\n") + "".join(f"{k / 2},1,2,{150 * k},0\n" for k in range(20)),
         LogSchema,

@@ -464,6 +464,35 @@ FAULTS = {
         LEAST.replace("differential", "diferential"),
         "drive.type: 'diferential', did you mean 'differential'?",
     ),
+    **{
+        f"C5-{name}": (
+            f"drive: {{type: {kind}, {name}: 0.2}}",
+            f"drive.{name}: unknown key, here it is {ours}",
+        )
+        for kind, name, ours in (
+            ("differential", "wheel_separation", "'track_width'"),
+            ("differential", "wheel_base", "'track_width'"),
+            ("bicycle", "wheel_base", "'wheelbase'"),
+            ("differential", "axle_length", "'track_width'"),
+            ("differential", "wheel_diameter", "'wheel_radius', half of the diameter"),
+            ("mecanum", "lx", "'wheelbase', twice lx where"),
+            ("mecanum", "LY", "'track_width', twice ly where"),
+            ("omni", "wheel_offset", "'first_wheel_angle'"),
+            ("ackermann", "max_steering_angle", "'max_steering'"),
+        )
+    },
+    "L11-flow": (
+        "drive: {type: differential, track_width: 0,2, wheel_radius: 0.05}",
+        "key 2 must be text; write it in quotes; a decimal comma? Numbers have a point: 0.2 (line 1)",
+    ),
+    "L11-block": (
+        "drive:\n  type: differential\n  track_width: 1\n  wheel_radius: 0,05",
+        "drive.wheel_radius: '0,05' is text, must be a number with a decimal point: 0.05 (line 4)",
+    ),
+    "L11-unit": (
+        "drive:\n  type: differential\n  track_width: 1\n  wheel_radius: 5,25 cm",
+        "'5,25 cm' is text, must be a number with a decimal point: 5.25 cm",
+    ),
     "C5-section": (LEAST + "limts: {}", "limts: unknown key, did you mean 'limits'?", "line 2"),
     "C5-limits": (LEAST + "limits: {max_sped: 1}", "limits.max_sped: unknown key, did you mean 'max_speed'?"),
     "C5-encoders": (

@@ -201,6 +201,7 @@ def check_time(source: object, time_ns: npt.NDArray[np.int64], unit: Unit) -> No
     duration = float(time_ns.max() - time_ns.min()) * 1e-9
     if not (step > LONGEST_STEP or 0.0 < duration < SHORTEST_STEP * (len(time_ns) - 1)):
         return
+    step = step or duration / (len(time_ns) - 1)  # most of them were rounded away
     fitting = [
         other.value
         for other in Unit

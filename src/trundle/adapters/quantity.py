@@ -81,6 +81,7 @@ DELAY = Quantity("time")
 
 _NUMBER = r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]{1,4})?"
 _BARE = re.compile(_NUMBER)
+_DECIMAL_COMMA = re.compile(r"\s*([-+]?[0-9]*),([0-9]+)(\s*[A-Za-z/]*(?:\^[0-9])?)\s*")
 _WITH_UNIT = re.compile(rf"\s*({_NUMBER})\s*([A-Za-z/]+(?:\^[0-9])?)\s*")
 
 
@@ -92,6 +93,8 @@ def read_number(path: str, value: Any) -> float:
     """
     if isinstance(value, str):
         advice = "; write it without quotes" if _BARE.fullmatch(value.strip()) else ""
+        if parts := _DECIMAL_COMMA.fullmatch(value):
+            advice = f" with a decimal point: {parts[1]}.{parts[2]}{parts[3].rstrip()}"
         raise ConfigError(path, f"{value!r} is text, must be a number{advice}")
     if value is None:
         raise ConfigError(path, "empty, must be a number")

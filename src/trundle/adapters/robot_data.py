@@ -81,6 +81,26 @@ def robot_from_data(data: Any) -> Robot:
 # ------------------------------------------------------------------------------------- drives
 
 
+# What others call the parameters of drives (docs/conventions.md), and ours: the first that the drive has.
+# Some say `wheel_base` of left and right, where a drive has no front and rear.
+_ELSEWHERE = {
+    name: ours
+    for names, ours in (
+        ("wheel_separation wheel_track axle_length axle_track track tread", (("track_width", ""),)),
+        ("traction_track_width steering_track_width wheel_distance", (("track_width", ""),)),
+        ("wheel_base base_length axle_distance", (("wheelbase", ""), ("track_width", ""))),
+        ("radius wheels_radius traction_wheels_radius traction_wheel_radius", (("wheel_radius", ""),)),
+        ("wheel_diameter diameter", (("wheel_radius", ", half of the diameter"),)),
+        ("lx", (("wheelbase", ", twice lx where that is a half length"),)),
+        ("ly", (("track_width", ", twice ly where that is a half width"),)),
+        ("wheel_offset", (("first_wheel_angle", ""),)),
+        ("max_steering_angle", (("max_steering", ""),)),
+        ("base_radius", (("robot_radius", ""),)),
+    )
+    for name in names.split()
+}
+
+
 def _read_drive(path: str, value: Any, limits: Limits) -> Kinematics:
     given = read_mapping(path, value)
     if "type" not in given:
@@ -90,7 +110,7 @@ def _read_drive(path: str, value: Any, limits: Limits) -> Kinematics:
         raise ConfigError(f"{path}.type", f"{word!r}, {did_you_mean(str(word), DRIVES)}")
     drive = DRIVES[word]
     wanted = inspect.signature(drive).parameters
-    check_keys(path, given, ("type", *wanted))
+    check_keys(path, given, ("type", *wanted), _ELSEWHERE)
     arguments: dict[str, Any] = {}
     for key, parameter in wanted.items():
         if key in given:

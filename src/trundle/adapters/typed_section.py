@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 import re
 from collections.abc import Collection, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, TypeVar, get_args, get_type_hints
 
 import msgspec
@@ -14,6 +15,7 @@ from trundle.errors import ConfigError, did_you_mean
 
 __all__ = ["check_keys", "read_list", "read_mapping", "read_struct", "shown"]
 
+NOTHING: Mapping[str, Any] = MappingProxyType({})
 S = TypeVar("S", bound=msgspec.Struct)
 
 
@@ -31,10 +33,25 @@ def read_list(path: str, value: Any, wanted: str = "a list") -> Sequence[Any]:
     return value
 
 
-def check_keys(path: str, given: Mapping[str, Any], known: Collection[str]) -> None:
-    """Refuse what is not known: a typo must not become a default."""
+def check_keys(
+    path: str,
+    given: Mapping[str, Any],
+    known: Collection[str],
+    elsewhere: Mapping[str, Sequence[tuple[str, str]]] = NOTHING,
+) -> None:
+    """Refuse what is not known: a typo must not become a default.
+
+    Args:
+        path: Where the keys stand, for messages.
+        given: Keys that came.
+        known: Keys that may come.
+        elsewhere: By keys of other programs, ours, the likeliest first, and what becomes of the number.
+    """
     for key in given:
         if key not in known:
+            for ours, change in elsewhere.get(key.lower(), ()):
+                if ours in known:
+                    raise ConfigError(_join(path, key), f"unknown key, here it is {ours!r}{change}")
             raise ConfigError(_join(path, key), f"unknown key, {did_you_mean(key, known)}")
 
 

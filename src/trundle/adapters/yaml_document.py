@@ -153,13 +153,18 @@ class _Builder:
             raise self._refused("half a character (a lone surrogate) stands in a text", line)
         value = resolve_plain(word) if event.style is None else word
         if self._open and isinstance(self._open[-1].value, dict) and self._key[-1] is None:
-            self._take_key(value, line)
+            self._take_key(value, event.start_mark.index, line)
         else:
             self._add(value, Span(event.start_mark.index, event.end_mark.index, line))
 
-    def _take_key(self, key: Any, line: int) -> None:
+    def _follows_digit(self, start: int) -> bool:
+        """Whether what begins there stands behind a number and a comma, as `0,2` does."""
+        return bool(re.search(r"[0-9],$", self.text[max(start - 2, 0) : start]))
+
+    def _take_key(self, key: Any, start: int, line: int) -> None:
         if not isinstance(key, str):
-            raise self._refused(f"key {key!r} must be text; write it in quotes", line)
+            comma = "; a decimal comma? Numbers have a point: 0.2" if self._follows_digit(start) else ""
+            raise self._refused(f"key {key!r} must be text; write it in quotes{comma}", line)
         holder = self._open[-1]
         if key in holder.value:
             path = f"{holder.path}.{key}" if holder.path else key
