@@ -120,6 +120,9 @@ TRAPS = {
         "position_feedback: false",
     ),
     "ms for s": (DIFF, "cmd_vel_timeout", "500.0", "500 s: milliseconds", "cmd_vel_timeout: 0.5"),
+    "ms for s, of a wrong type": (DIFF, "cmd_vel_timeout", "500", "500 s: milli", "^cmd_vel_timeout: 0.5$"),
+    "a wrong type of zero": (DIFF, "cmd_vel_timeout", "0", "is 0$", "^cmd_vel_timeout: 0.5$"),
+    "millimetres, of a wrong type": (DIFF, "wheel_radius", "33", "33 m: mm", "^wheel_radius: 0.033$"),
     "s for ms": (TRICYCLE, "cmd_vel_timeout", "2", "2 ms: seconds", "cmd_vel_timeout: 2000"),
     "never": (DIFF, "cmd_vel_timeout", "0.0", "is 0$", "cmd_vel_timeout: 0.5"),
     "one cycle": (MECANUM, "reference_timeout", None, r"is 0 \(it is not set\)", "reference_timeout: 0.5"),
@@ -174,6 +177,7 @@ def test_trap(row):
     package, name, value, what, write = TRAPS[row]
     hits = found(changed(package, name, value))
     assert [one for one in hits if re.search(what, one.what) and re.search(write, one.write)], hits
+    assert sum(one.place.endswith(f".{name}") for one in hits) <= 1, hits  # of one value one finding
     assert all(one.why and one.place.startswith(f"{package}.ros__parameters") for one in hits)
     assert len(hits) == 1, hits
 

@@ -79,7 +79,7 @@ def findings(document: YamlDocument, urdf: Path | None = None) -> list[Finding]:
     wheels = _model_wheels(urdf)
     found = []
     for controller in controllers:
-        own = [finding for check in _CHECKS for finding in check(controller)]
+        own = _own(controller)
         own += _against_model(controller, wheels) if wheels else []
         own += _refusal(controller, {finding.place for finding in own})
         found += own
@@ -390,9 +390,16 @@ def _side(joint: str) -> str | None:
 
 
 _CHECKS: Sequence[Callable[[Controller], Iterator[Finding]]] = (
-    *(_unknown, _deprecated, _missing, _types, _covariances),
+    *(_unknown, _deprecated, _missing, _covariances),
     *(_feedback, _timeout, _lengths, _halves, _sides),
 )
+
+
+def _own(controller: Controller) -> list[Finding]:
+    """What is wrong in one controller's parameters: of each value that is wrong, not its type as well."""
+    found = [finding for check in _CHECKS for finding in check(controller)]
+    wrong = {finding.place for finding in found}
+    return [*(finding for finding in _types(controller) if finding.place not in wrong), *found]
 
 
 # --------------------------------------------------------------------------- against the model
