@@ -818,6 +818,22 @@ def test_line_ends_stay_where_keys_come_and_go():
     assert text.count("\r\n") == text.count("\n")
 
 
+def test_what_grows_stays_on_its_line(tmp_path):
+    """Ten sigmas are longer than any line, and a mapping that breaks inside is hard to read."""
+    path = tmp_path / "robot.yaml"
+    path.write_text(
+        f"{LEAST}calibration:\n  robot: robot\n  version: 1\n  sigmas: {{a: 0.1}}  # by hand\n",
+        encoding="utf-8",
+    )
+    sigmas = {f"a.rather.long.name.{k}": 0.123456789 + k for k in range(10)}
+    before = load_robot(path)
+    record = msgspec.structs.replace(before.calibration, sigmas=sigmas)
+    save_robot(msgspec.structs.replace(before, calibration=record), path)
+    (line,) = [line for line in path.read_text(encoding="utf-8").splitlines() if "sigmas:" in line]
+    assert line.count("a.rather.long.name") == 10
+    assert load_robot(path).calibration.sigmas == sigmas
+
+
 def test_save_makes_updates_and_replaces(tmp_path):
     path, other = tmp_path / "robot.yaml", tmp_path / "other.yaml"
     robot = read(LEAST)

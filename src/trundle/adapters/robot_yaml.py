@@ -203,7 +203,7 @@ def _round_trip() -> Any:
     yaml.Representer = type("Representer", (RoundTripRepresenter,), {})
     yaml.Representer.add_representer(_AsWritten, lambda self, text: self.represent_scalar(_FLOAT, text))
     yaml.preserve_quotes = True
-    yaml.width = 110
+    yaml.width = 1 << 20  # what stands on one line stays there, however long it grows
     yaml.default_flow_style = None
     return yaml
 
