@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -60,6 +61,15 @@ def test_names_are_not_formulas(tmp_path):
     name = r"$\frac{left$"
     log = WheelLog(time_ns=STAMPS, wheel_names=(name,), wheels=TIME[:, None])
     save_plot(plot_trajectory(arc(frame=name), log=log, title=name), tmp_path / "odd.svg")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
+def test_letters_that_a_font_lacks_are_no_warning(tmp_path, suffix):
+    """Robots are named in all languages, and Python's warnings are not for users."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        save_plot(plot_trajectory(arc(), title="小车 \N{ROBOT FACE}"), tmp_path / f"robot{suffix}")
+    assert (tmp_path / f"robot{suffix}").stat().st_size > 1000
 
 
 def test_arrows_point_along_the_heading():

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import html
-import io
 import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from trundle.apps.calibration_plot import plot_errors, plot_parameters, plot_paths, plot_residuals
 from trundle.apps.calibration_words import held_out_rows, parameter_rows, quality_lines, unobserved_lines
+from trundle.apps.plot_style import rendered
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -149,10 +149,8 @@ def _svg(figure: Figure) -> str:
     """The picture as a part of the page; its width is the page's."""
     from matplotlib import rc_context
 
-    picture = io.BytesIO()
     with rc_context({"svg.hashsalt": "trundle"}):  # the same picture, the same bytes
-        figure.savefig(picture, format="svg", metadata={"Date": None})
-    text = picture.getvalue().decode()
+        text = rendered(figure, "svg", metadata={"Date": None}).decode()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, count=1, flags=re.DOTALL)
     return re.sub(r'(<svg[^>]*?) width="[^"]*"| height="[^"]*pt"', r"\1", text, count=2)

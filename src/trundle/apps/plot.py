@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import textwrap
 from collections.abc import Sequence
@@ -13,7 +12,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from trundle.apps.plot_style import BLUE, CYCLE, GREY, INK, SKY, VERMILLION, empty_figure, style_axis
+from trundle.apps.plot_style import (
+    BLUE,
+    CYCLE,
+    GREY,
+    INK,
+    SKY,
+    VERMILLION,
+    empty_figure,
+    rendered,
+    style_axis,
+)
 from trundle.errors import InputError, OutputError, TrundleError
 from trundle.evaluate import compare, transform
 from trundle.geometry import se2
@@ -103,9 +112,7 @@ def save_plot(figure: Figure, path: str | Path) -> None:
     suffix = path.suffix.lower()
     if suffix not in _FORMATS:
         raise InputError(f"{path}: a picture must end in one of {', '.join(_FORMATS)}")
-    picture = io.BytesIO()
-    figure.savefig(picture, format=suffix[1:])
-    _replace(path, picture.getvalue())
+    _replace(path, rendered(figure, suffix[1:]))
 
 
 def _replace(path: Path, content: bytes) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import io
+import warnings
+from typing import TYPE_CHECKING, Any
 
 from trundle.errors import MissingExtra
 
@@ -19,6 +21,7 @@ __all__ = [
     "SKY",
     "VERMILLION",
     "empty_figure",
+    "rendered",
     "style_axis",
 ]
 
@@ -51,6 +54,15 @@ def empty_figure(width: float, height: float) -> Figure:
     figure = Figure(figsize=(width, height), dpi=150, layout=layout)
     FigureCanvasAgg(figure)
     return figure
+
+
+def rendered(figure: Figure, form: str, **options: Any) -> bytes:
+    """The picture as a file of a format. Letters that the font lacks are drawn as boxes, without a word."""
+    picture = io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph .* missing from")
+        figure.savefig(picture, format=form, **options)
+    return picture.getvalue()
 
 
 def style_axis(axis: Axes) -> None:
