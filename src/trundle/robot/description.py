@@ -101,8 +101,8 @@ class Limits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 class Noise(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How far readings and assumptions are off, as standard deviations.
 
-    What is given is taken at its word, and what is not given is left out. A robot that says nothing
-    about its noise has that of `UNMEASURED`.
+    What is not given has the default below. A robot that says nothing about its noise has that of
+    `UNMEASURED`, which is another.
 
     Attributes:
         wheel_distance: Of the distance a wheel rolled, after one metre; it grows with the square
