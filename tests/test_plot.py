@@ -87,6 +87,35 @@ def test_arrows_point_along_the_heading():
     )
 
 
+def test_ellipses_do_not_hide_the_path():
+    """Of a doubt as wide as the whole path one ellipse tells; of a growing one those that are told apart."""
+    for variances, most in ((np.full(101, 25.0), 1), (np.linspace(0.01, 100.0, 101) ** 2, 5)):
+        covariances = variances[:, None, None] * np.eye(3)
+        figure = plot_trajectory(arc(covariances=covariances))
+        (outlines,) = (c for c in figure.axes[0].collections if c.get_label() == "95 % uncertainty")
+        sizes = [np.ptp(path.vertices[:, 0]) for path in outlines.get_paths()]
+        assert 1 <= len(sizes) <= most
+        assert sizes[-1] == pytest.approx(2.0 * np.sqrt(5.991 * variances[-1]), rel=1e-2)  # the last is there
+    small = plot_trajectory(arc(covariances=np.broadcast_to(1e-6 * np.eye(3), (101, 3, 3))))
+    (outlines,) = (c for c in small.axes[0].collections if c.get_label() == "95 % uncertainty")
+    assert len(outlines.get_paths()) == 8
+
+
+def test_a_reference_that_jumps_is_not_joined_across():
+    truth = arc()
+    poses = truth.poses.copy()
+    poses[60:] += [30.0, -20.0, 0.0]
+    figure = plot_trajectory(arc(), reference=dataclasses.replace(truth, poses=poses))
+    drawn = lines(figure.axes[0])["reference, aligned"]
+    assert len(drawn) == 102
+    assert np.flatnonzero(np.isnan(drawn).any(axis=1)).tolist() == [60]
+
+
+def test_a_long_drive_is_not_told_in_thousands_of_seconds():
+    long = dataclasses.replace(arc(), time_ns=STAMPS[0] + np.arange(101) * 35 * SECOND)
+    assert "58 min 20 s  ·" in texts(plot_trajectory(long))
+
+
 def test_ellipses_hold_95_percent_in_the_odom_frame():
     covariance = np.array([[0.04, 0.01, 0.003], [0.01, 0.02, 0.0], [0.003, 0.0, 0.01]])
     trajectory = arc(covariances=np.broadcast_to(covariance, (101, 3, 3)))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from trundle.adapters.reference import jumps
 from trundle.apps.plot_style import (
     BLUE,
     CYCLE,
@@ -23,6 +24,7 @@ from trundle.apps.plot_style import (
     rendered,
     style_axis,
 )
+from trundle.apps.wording import seconds
 from trundle.errors import InputError, OutputError, TrundleError
 from trundle.evaluate import compare, transform
 from trundle.geometry import se2
@@ -40,7 +42,7 @@ Floats = npt.NDArray[np.float64]
 _WIDTH = 9.0  # of the figure [in]
 _CHI_SQUARE_95 = 5.991  # two degrees of freedom
 _CIRCLE = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 61)) for f in (np.cos, np.sin)])
-_ELLIPSES = 12
+_ELLIPSES = 8  # at most
 _FORMATS = (".png", ".svg", ".pdf")
 _BINS = 450  # across a time axis: about one per two pixels
 _LEAST = 0.2  # size of the map [m]: what turns on the spot is a dot, not a scribble of micrometres
@@ -94,7 +96,7 @@ def plot_trajectory(
 
 def _facts(trajectory: Trajectory) -> str:
     length = trajectory.distance
-    return f"{trajectory.duration:.1f} s  ·  {length:{'.2f' if length >= 1.0 else '.3g'}} m driven"
+    return f"{seconds(trajectory.duration)}  ·  {length:{'.2f' if length >= 1.0 else '.3g'}} m driven"
 
 
 def save_plot(figure: Figure, path: str | Path) -> None:
@@ -149,7 +151,7 @@ def _extent(trajectory: Trajectory, reference: Trajectory | None) -> tuple[Float
     points = np.concatenate([*paths, np.zeros((0 if paths else 1, 2))])
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     size = max(float((high - low).max()), _LEAST)
-    ellipses = _ellipses(trajectory, _along(trajectory, _ELLIPSES))
+    ellipses = _ellipses(trajectory)
     if ellipses.size:  # as much of the uncertainty as leaves the path readable
         low = np.clip(ellipses.min(axis=(0, 1)), low - 0.4 * size, low)
         high = np.clip(ellipses.max(axis=(0, 1)), high, high + 0.4 * size)
@@ -172,10 +174,11 @@ def _along(trajectory: Trajectory, count: int) -> npt.NDArray[np.intp]:
     return np.unique(np.searchsorted(travelled, np.linspace(0.0, travelled[-1], count + 1)[1:]))
 
 
-def _ellipses(trajectory: Trajectory, chosen: npt.NDArray[np.intp]) -> Floats:
+def _ellipses(trajectory: Trajectory) -> Floats:
     """Outlines that hold the position with 95 %, in the trajectory's frame, shape (M, 61, 2)."""
     if trajectory.covariances is None:
         return np.zeros((0, _CIRCLE.shape[1], 2))
+    chosen = _along(trajectory, _ELLIPSES)
     poses, covariances = trajectory.poses[chosen], trajectory.covariances[chosen, :2, :2]
     chosen_finite = np.isfinite(covariances).all(axis=(1, 2))
     poses, covariances = poses[chosen_finite], covariances[chosen_finite]
@@ -183,7 +186,18 @@ def _ellipses(trajectory: Trajectory, chosen: npt.NDArray[np.intp]) -> Floats:
     axes = vectors * np.sqrt(_CHI_SQUARE_95 * np.maximum(variance, 0.0))[:, None, :]
     outline = np.einsum("nij,jm->nmi", axes, _CIRCLE)
     body = np.concatenate([outline, np.zeros_like(outline[..., :1])], axis=-1)
-    return np.asarray(se2.compose(poses[:, None, :], body)[..., :2])
+    outlines = np.asarray(se2.compose(poses[:, None, :], body)[..., :2])
+    return outlines[_distinct(poses[:, :2], np.linalg.norm(axes, axis=1).max(axis=1))]
+
+
+def _distinct(centres: Floats, sizes: Floats) -> list[int]:
+    """Ellipses that do not hide each other: from the last on, what lies elsewhere or is half as large."""
+    kept: list[int] = []
+    for k in range(len(sizes) - 1, -1, -1):
+        apart = np.hypot(*(centres[kept] - centres[k]).T) > 0.5 * (sizes[kept] + sizes[k])
+        if np.all(apart | (sizes[k] <= 0.5 * sizes[kept])):
+            kept.append(k)
+    return kept[::-1]
 
 
 def _draw_path(
@@ -200,14 +214,14 @@ def _draw_path(
     axis.set_xlabel(f"x in {trajectory.frame} [m]", parse_math=False)
     axis.set_ylabel(f"y in {trajectory.frame} [m]", parse_math=False)
 
-    ellipses = _ellipses(trajectory, _along(trajectory, _ELLIPSES))
+    ellipses = _ellipses(trajectory)
     if len(ellipses):
         outlines = PolyCollection(list(ellipses), linewidth=0.7, zorder=2, label="95 % uncertainty")
         outlines.set_facecolor(to_rgba(SKY, 0.13))
         outlines.set_edgecolor(to_rgba(BLUE, 0.45))
         axis.add_collection(outlines, autolim=False)
     if reference is not None:
-        x, y = reference.poses[:, :2].T
+        x, y = _broken(reference).T
         axis.plot(x, y, color=VERMILLION, dashes=(4, 2), linewidth=1.3, zorder=3, label="reference, aligned")
     x, y, theta = trajectory.poses.T
     axis.plot(x, y, color=BLUE, linewidth=1.8, zorder=4, label="odometry", solid_joinstyle="round")
@@ -222,6 +236,12 @@ def _draw_path(
         headwidth=8, headlength=8, headaxislength=6.5,
     )  # fmt: skip
     _legend(axis)
+
+
+def _broken(reference: Trajectory) -> Floats:
+    """Its positions, with NaN before those that nothing can have reached: no line is drawn across a jump."""
+    at = np.searchsorted(reference.time_ns, jumps(reference))
+    return np.insert(reference.poses[:, :2], at, np.nan, axis=0)
 
 
 # the wheels
