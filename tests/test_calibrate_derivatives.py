@@ -241,3 +241,17 @@ def test_frames_are_as_sure_as_the_dense_inverse_says():
         scale = np.sqrt(np.einsum("kii->k", np.stack(blocks)))
         for own, block, size in zip(found, blocks, scale, strict=True):
             assert own == pytest.approx(block, abs=1e-5 * size**2)
+
+
+def test_frames_stay_sure_where_wheels_cannot_slip():
+    """Two wheels move a robot in two ways only: seen from afar, loud noise is all but singular."""
+    linear = some_linear(5, 9)
+    ways = np.array([[10.0, -3.0, 1.0], [2.0, 7.0, 0.0]])
+    spread = np.tile(ways.T @ np.diag([1e-6, 1e-9]) @ ways, (8, 1, 1))
+    stiff = dataclasses.replace(linear, spread=spread)
+    levels = Levels(wheels=1e3, position=0.035, heading=0.6)
+    eliminated = eliminate(stiff, levels, np.full(9, 1e-9))
+    assert np.isfinite(eliminated.log_determinant)
+    assert np.linalg.eigvalsh(eliminated.information).min() >= 0.0
+    (sure,) = frame_covariances([stiff], levels, [np.full(9, 1e-9)])
+    assert np.linalg.eigvalsh(0.5 * (sure + np.swapaxes(sure, 1, 2))).min() > 0.0

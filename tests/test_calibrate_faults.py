@@ -27,6 +27,16 @@ DESCRIBED = {
     "mecanum": tr.Mecanum(track_width=0.2, wheelbase=0.2, wheel_radius=0.030),
 }
 EIGHT = (Course.of(figure_eight(0.6, 0.4), straight(1.0, 0.4)),)
+MIXED = (
+    Course.of(
+        straight(3.0, 0.3),
+        arc(0.5, 7.2, 0.3),
+        arc(0.5, -7.2, 0.3),
+        spin(6.0, 1.0),
+        spin(-6.0, 1.0),
+        straight(3.0, 0.3),
+    ),
+)
 SQUARES = tuple(Course.of(square(1.0, 0.4, yaw_rate=1.0, clockwise=way)) for way in (False, True)) * 2
 
 
@@ -172,7 +182,18 @@ def fault_b5(case: str) -> None:
         calibrate(described(), driven("differential", EIGHT, seen))
 
 
+def shuffled(log, draw):
+    known = camera(log, draw)
+    return dataclasses.replace(known, poses=draw.permutation(known.poses))
+
+
 def fault_b6(case: str) -> None:
+    if case.startswith("shuffled"):  # of wheels that are not said to slip sideways
+        noise = tr.Noise(wheel_distance=float(case.split("-")[1]))
+        for courses in (EIGHT, MIXED):
+            with pytest.raises((NotConverged, Inconsistent)):
+                calibrate(described(noise=noise), driven("differential", courses, shuffled, noise=noise))
+        return
     if case == "converge":
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(likelihood, "_SETTLED", 1e-150)  # never at rest
@@ -230,7 +251,7 @@ ROWS = {
     "B1": (fault_b1, tuple(B1)),
     "B2": (fault_b2, ("differential", "mecanum", "ratio", "believed")),
     "B5": (fault_b5, ("swapped", "reversed")),
-    "B6": (fault_b6, ("two", "three", "converge")),
+    "B6": (fault_b6, ("two", "three", "converge", "shuffled-0.003", "shuffled-0.01")),
     "B7": (fault_b7, ("diameter", "half-track")),
     "B8": (fault_b8, ("scatter",)),
 }

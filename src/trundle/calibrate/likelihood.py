@@ -16,7 +16,7 @@ from trundle.calibrate.parameter import Parameter
 from trundle.calibrate.predicted_path import PredictedPath, Readings, adjoint, predict
 from trundle.calibrate.smoother import REFUSED, STILL, Levels, Linear, Reduced, eliminate, frame_covariances
 from trundle.calibrate.vouching import vouched
-from trundle.errors import MissingExtra, NotConverged
+from trundle.errors import ConfigError, MissingExtra, NotConverged
 from trundle.geometry import se2
 from trundle.robot import Robot
 
@@ -130,6 +130,25 @@ def fit(
         NotConverged: If the numbers do not come to rest.
     """
     state = _begin(robot, runs, parameters)
+    try:
+        _iterate(state, robot, runs, parameters, prior=prior, progress=progress)
+    except ConfigError as error:  # no robot has such numbers
+        raise NotConverged(state.iterations, [error.field]) from None
+    except np.linalg.LinAlgError:
+        raise NotConverged(state.iterations, [one.name for one in parameters[:3]]) from None
+    return state
+
+
+def _iterate(
+    state: Fit,
+    robot: Robot,
+    runs: Sequence[Observed],
+    parameters: Sequence[Parameter],
+    *,
+    prior: bool,
+    progress: Words,
+) -> None:
+    """Change a fit until it is the maximum."""
     nominal, size = state.values.copy(), np.array([one.size for one in parameters])
     belief = belief_of(parameters) if prior else np.zeros((len(size), len(size)))
     change = np.zeros(len(size))
@@ -164,7 +183,6 @@ def fit(
         loudest = np.argsort(-(change**2) * np.diag(state.information))
         raise NotConverged(_MOST, [parameters[k].name for k in loudest[:3]])
     state.promised = _promised(linear, state, len(parameters))
-    return state
 
 
 def information_of(

@@ -25,6 +25,9 @@ Floats = npt.NDArray[np.float64]
 
 STILL = 1e-5
 """What a wheel may do between two fixes even if it stands still [m, rad]; keeps the equations solvable."""
+_STIFF = 1e-8
+"""And what it may do beside its noise, in parts of that variance: two wheels move a robot in two ways only,
+and seen from far away the third would be lost in the rounding of their noise."""
 REFUSED = 1e-6
 """A fix that is believed less than this is not believed at all."""
 _START = 1e-2
@@ -141,57 +144,76 @@ def eliminate(linear: Linear, levels: Levels, weights: Floats) -> Reduced:
 def frame_covariances(runs: Sequence[Linear], levels: Levels, weights: Sequence[Floats]) -> list[Floats]:
     """How sure each frame of each run is by all its fixes together, shape (N, 3, 3).
 
-    The blocks on the diagonal of an inverse, forth and back once; all runs go side by side.
+    Forth and back once, in covariances, which stay positive where information would cancel; all runs go side
+    by side.
 
     Source:
-        Takahashi, Fagan, Chin 1973, for block tridiagonal matrices.
+        Rauch, Tung, Striebel 1965.
     """
     longest = max(len(one.residuals) for one in runs)
-    diagonal = np.tile(np.eye(3), (longest, len(runs), 1, 1))
-    bonds = np.zeros((longest - 1, len(runs), 3, 3))
+    seen = np.tile(np.eye(3), (longest, len(runs), 1, 1))
+    spread = np.tile(np.eye(3) / _BREAK, (longest - 1, len(runs), 1, 1))
     for number, (one, believed) in enumerate(zip(runs, weights, strict=True)):
         trust = one.measured * believed[:, np.newaxis] / one.sigmas(levels) ** 2
-        own, _ = _bonds(one, levels)
-        seen = np.swapaxes(one.by_frame, 1, 2) * trust[:, np.newaxis, :]
-        diagonal[: len(own) + 1, number] = _diagonal(one, seen, own)
-        bonds[: len(own), number] = own
-    ahead = np.empty_like(diagonal)  # what the fixes up to k know, inverted
-    ahead[0] = _inverse(diagonal[0])
-    for k, bond in enumerate(bonds):
-        ahead[k + 1] = _inverse(diagonal[k + 1] - bond @ ahead[k] @ bond)
+        own = _spread(one, levels)
+        seen[: len(own) + 1, number] = (
+            np.swapaxes(one.by_frame, 1, 2) * trust[:, np.newaxis, :] @ one.by_frame
+        )
+        spread[: len(own), number] = own
+    seen[0] += _START * np.eye(3)
+    sure = np.empty_like(seen)  # by the fixes up to k
+    sure[0] = _inverse(seen[0])
+    before = np.empty_like(spread)  # information about k + 1 by the fixes up to k
+    for k, wandered in enumerate(spread):
+        before[k] = _inverse(sure[k] + wandered)
+        sure[k + 1] = _inverse(before[k] + seen[k + 1])
     for k in range(longest - 2, -1, -1):
-        gain = ahead[k] @ bonds[k]
-        ahead[k] += gain @ ahead[k + 1] @ np.swapaxes(gain, 1, 2)
-    return [ahead[: len(one.residuals), number] for number, one in enumerate(runs)]
+        gain = sure[k] @ before[k]
+        sure[k] = gain @ (spread[k] + sure[k + 1] @ np.swapaxes(gain, 1, 2))
+    return [sure[: len(one.residuals), number] for number, one in enumerate(runs)]
+
+
+def _spread(linear: Linear, levels: Levels) -> Floats:
+    """Covariances of the displacements between neighbours, shape (N - 1, 3, 3)."""
+    noise = linear.spread * levels.wheels**2
+    still = STILL**2 + _STIFF * np.trace(noise, axis1=1, axis2=2)
+    found: Floats = noise + still[:, np.newaxis, np.newaxis] * np.eye(3)
+    found[~linear.joined] = np.eye(3) / _BREAK
+    return found
 
 
 def _bonds(linear: Linear, levels: Levels) -> tuple[Floats, float]:
     """Information between neighbours, shape (N - 1, 3, 3), and the log-determinant of its inverse."""
-    spread = linear.spread * levels.wheels**2 + STILL**2 * np.eye(3)
-    bonds = _inverse(spread)
-    bonds[~linear.joined] = _BREAK * np.eye(3)
-    return bonds, float(np.log(_determinant(spread[linear.joined])).sum())
+    spread = _spread(linear, levels)
+    pivots, _ = _factored(spread[linear.joined])
+    return _inverse(spread), 2.0 * float(np.log(pivots).sum())
 
 
-def _cofactors(matrices: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
-    """Of symmetric matrices, shape (N, 3, 3): their upper triangles."""
+def _factored(matrices: Floats) -> tuple[Floats, Floats]:
+    """Cholesky factors of symmetric matrices, shape (..., 3, 3): diagonals, and what is below, row by row."""
     a, b, c = matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 0, 2]
     d, e, f = matrices[..., 1, 1], matrices[..., 1, 2], matrices[..., 2, 2]
-    return d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b
-
-
-def _determinant(matrices: Floats) -> Floats:
-    xx, xy, xz, *_ = _cofactors(matrices)
-    found: Floats = matrices[..., 0, 0] * xx + matrices[..., 0, 1] * xy + matrices[..., 0, 2] * xz
-    return found
+    first = np.sqrt(a)
+    below, corner = b / first, c / first
+    second = np.sqrt(d - below * below)
+    last = (e - below * corner) / second
+    third = np.sqrt(f - corner * corner - last * last)
+    return np.stack([first, second, third]), np.stack([below, corner, last])
 
 
 def _inverse(matrices: Floats) -> Floats:
-    """Of many small symmetric matrices, shape (N, 3, 3): Cramer's rule, for LAPACK takes them one by one."""
-    xx, xy, xz, yy, yz, zz = _cofactors(matrices)
-    upper = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(matrices.shape)
-    found: Floats = upper / _determinant(matrices)[..., np.newaxis, np.newaxis]
-    return found
+    """Of many small symmetric matrices, shape (..., 3, 3), by their factors: LAPACK takes them one by one.
+
+    Cofactors are as quick, but what they make of a nearly singular matrix need not be positive.
+    """
+    pivots, (below, corner, last) = _factored(matrices)
+    first, second, third = 1.0 / pivots
+    under = -below * first * second
+    beside = -last * second * third
+    far = -(corner * first + last * under) * third
+    xx, yy, zz = first**2 + under**2 + far**2, second**2 + beside**2, third**2
+    xy, xz, yz = under * second + far * beside, far * third, beside * third
+    return np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(matrices.shape)
 
 
 def _diagonal(linear: Linear, seen: Floats, bonds: Floats) -> Floats:
