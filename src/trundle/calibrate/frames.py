@@ -8,13 +8,11 @@ import numpy.typing as npt
 from trundle.calibrate.fixes import Fixes
 from trundle.geometry import se2
 
-__all__ = ["first_frame", "mirrored", "residuals"]
+__all__ = ["first_frame", "residuals"]
 
 Floats = npt.NDArray[np.float64]
 
 _TRIALS = 300
-_MIRRORED = 0.3
-"""A mirrored path that is nearer to the fixes than this part of what the path itself is: handedness."""
 
 
 def residuals(frames: Floats, tracked: Floats, fixes: Fixes) -> Floats:
@@ -53,26 +51,6 @@ def first_frame(tracked: Floats, fixes: Fixes) -> Floats:
     scores = [np.median(np.hypot(*residuals(frame, tracked, fixes)[:, :2].T)) for frame in candidates]
     nearest: Floats = candidates[int(np.argmin(scores))]
     return nearest
-
-
-def mirrored(tracked: Floats, fixes: Fixes) -> bool:
-    """Whether the fixes fit the path's mirror image, and not the path: x and y swapped, or one reversed."""
-    if not fixes.positions or len(fixes) < 6:
-        return False
-    seen = np.isfinite(fixes.poses[:, 0])
-    path, measured = tracked[seen, :2], fixes.poses[seen, :2]
-    return bool(_misfit(path * (1.0, -1.0), measured) < _MIRRORED * _misfit(path, measured))
-
-
-def _misfit(path: Floats, measured: Floats) -> float:
-    """Median distance after laying one onto the other as well as can be."""
-    ones = np.zeros((len(path), 1))
-    frames = _by_two(np.concatenate([path, ones], axis=1), np.concatenate([measured, ones], axis=1))
-    c, s = np.cos(frames[:, 2:]), np.sin(frames[:, 2:])
-    x, y = path.T
-    off_x = frames[:, :1] + c * x - s * y - measured[:, 0]
-    off_y = frames[:, 1:2] + s * x + c * y - measured[:, 1]
-    return float(np.median(np.hypot(off_x, off_y), axis=1).min())
 
 
 def _by_one(tracked: Floats, fixes: Fixes) -> Floats:

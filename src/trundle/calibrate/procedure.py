@@ -13,7 +13,8 @@ import numpy.typing as npt
 from trundle.calibrate.calibration import Calibration, Estimate, RunFit, Unobserved
 from trundle.calibrate.cure import Cure, imagined, seen_like
 from trundle.calibrate.fixes import fixes_of
-from trundle.calibrate.frames import mirrored, residuals
+from trundle.calibrate.frames import residuals
+from trundle.calibrate.handedness import mirrored
 from trundle.calibrate.likelihood import Fit, Observed, belief_of, fit, information_of, tracked_points
 from trundle.calibrate.parameter import DRIVE, SENSOR, Candidates, Parameter, candidates_of, robot_with
 from trundle.calibrate.predicted_path import Readings, predict, readings_of
