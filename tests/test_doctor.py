@@ -512,12 +512,28 @@ def test_commands_may_come_early(name, rows):
 
 
 def test_what_a_log_hides_is_said():
-    """On a straight way a swap cannot be seen."""
+    """On a straight way neither a swap nor a mirror can be seen."""
     log = heard(simulate(robot_of("differential"), Course.of(straight(1.0, 0.5))), "reference")
     diagnosis = diagnose(robot_of("differential"), log)
     assert not diagnosis.findings
     hidden = {(cause.fault, cause.subject) for cause in diagnosis.hidden}
-    assert hidden == {(Fault.SWAPPED, ("left", "right")), (Fault.LENGTH, ("track_width",))}
+    assert hidden == {
+        (Fault.SWAPPED, ("left", "right")),
+        (Fault.LENGTH, ("track_width",)),
+        (Fault.MIRRORED, ("reference",)),
+    }
+
+
+@pytest.mark.parametrize("name", ["differential", "mecanum"])
+@pytest.mark.parametrize("gyro", [True, False])
+def test_a_mirrored_reference_is_named(name, gyro):
+    """Beside swapped sides, where no gyro tells it from them."""
+    log = log_of(name) if gyro else replace(log_of(name), yaw_rate=None)
+    poses = log.reference.poses * (1.0, -1.0, -1.0)
+    mirrored = replace(log.reference, poses=poses, twists=None)
+    causes = named(diagnose(robot_of(name), replace(log, reference=mirrored)))
+    assert (Fault.MIRRORED, ("reference",)) in causes
+    assert (Fault.SWAPPED in {fault for fault, _ in causes}) != gyro
 
 
 def test_two_faults_are_not_explained_by_one():

@@ -221,8 +221,8 @@ def _without_findings(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.unexplained:
         words = (
             f"wheels and witnesses contradict each other (misfit {score}, sound robots: below 0.6), and no "
-            "single fault explains it: two faults at once, slip, a reference that is late or mounted "
-            "differently (log.reference.mounting)?"
+            "single fault explains it: two faults at once, slip, a reference that is late, or one "
+            "whose axes or mounting are others (log.reference.mounting)?"
         )
         yield from _hanging("unexplained: ", words)
         return

@@ -190,9 +190,10 @@ def _patient(
         if len(column) and np.ptp(column) == 0.0
     )
     separate = len(log.steering_names) == len(account.steered) > 1
-    gyro = any(one.name == "gyro" for one in bench.witnesses)
+    gyro, reference = (any(one.name == name for one in bench.witnesses) for name in ("gyro", "reference"))
     told = bench.label is not None and bench.label.amount is not None
-    return Patient(robot, spoken, log.reading, separate, gyro, told or bool(bench.witnesses), still, held)
+    scaled = told or bool(bench.witnesses)
+    return Patient(robot, spoken, log.reading, separate, gyro, reference, scaled, still, held)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

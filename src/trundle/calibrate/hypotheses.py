@@ -36,6 +36,7 @@ class Fault(enum.Enum):
     TICKS = "ticks"
     LENGTH = "length"
     GYRO = "gyro"
+    MIRRORED = "mirrored"
     WRAPS = "wraps"
 
 
@@ -45,7 +46,7 @@ class Cause:
 
     Attributes:
         fault: Its kind.
-        subject: Wheels, parameters, or "gyro" and "steering".
+        subject: Wheels, parameters, or "gyro", "reference" and "steering".
         words: A sentence for people.
         mended: The description with it put right; None where no description can.
         common: Whether it is a mistake that people often make (a half, degrees, ...), not just any factor.
@@ -80,6 +81,7 @@ class Patient:
         reading: What its wheels say.
         separate_steering: Whether each steered wheel has an angle of its own in the log.
         gyro: Whether there is a gyro.
+        reference: Whether there is a reference.
         scaled: Whether anybody says how much the robot moved: without, one factor of all wheels is none.
         still: Measured wheels that stand still in some windows.
         held: Steered wheels whose angle never changes.
@@ -90,6 +92,7 @@ class Patient:
     reading: Reading
     separate_steering: bool
     gyro: bool
+    reference: bool
     scaled: bool
     still: Mapping[str, Mask]
     held: tuple[str, ...]
@@ -144,6 +147,7 @@ def hypotheses(patient: Patient) -> Iterator[Hypothesis]:
     yield from _lengths(patient)
     yield from _steering_factors(patient)
     yield from _gyro_faults(patient)
+    yield from _mirrored_reference(patient)
 
 
 # --- swapped --------------------------------------------------------------------------------------
@@ -503,3 +507,11 @@ def _gyro_faults(patient: Patient) -> Iterator[Hypothesis]:
 
     yield Hypothesis(lambda said, _factor: replace(said, gyro=-1.0), reversal)
     yield Hypothesis(lambda said, factor: replace(said, gyro=factor), scale, free=True)
+
+
+def _mirrored_reference(patient: Patient) -> Iterator[Hypothesis]:
+    if not patient.reference:
+        return
+    words = "the reference is mirrored: swap its x and y, or the sign of one of them and of its headings"
+    cause = Cause(Fault.MIRRORED, ("reference",), words, None)
+    yield Hypothesis(lambda said, _factor: replace(said, mirrored=True), lambda _factor: [cause])

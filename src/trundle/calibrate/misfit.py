@@ -54,6 +54,7 @@ class Account:
         turned: [rad], shape (steps, measured).
         steering: [rad], shape (steps, steered).
         gyro: What the gyro's turn is multiplied by.
+        mirrored: Whether the reference saw the mirror image of the path.
         deaf: Per measured wheel the windows in which it is not listened to.
         unled: Steered wheels whose angle is not listened to.
     """
@@ -65,6 +66,7 @@ class Account:
     turned: Floats
     steering: Floats
     gyro: float = 1.0
+    mirrored: bool = False
     deaf: Mapping[str, Mask] = field(default_factory=dict)
     unled: tuple[str, ...] = ()
 
@@ -244,7 +246,11 @@ class Bench:
         return size
 
     def _said(self, witness: Witness, account: Account) -> Floats:
-        return witness.moved * account.gyro if witness.name == "gyro" else witness.moved
+        if witness.name == "gyro":
+            return witness.moved * account.gyro
+        if witness.name == "reference" and account.mirrored:
+            return witness.moved * (1.0, -1.0, -1.0)
+        return witness.moved
 
     def _stack(
         self, account: Account, ways: Mapping[str, Floats], size: Floats
