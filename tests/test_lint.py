@@ -248,7 +248,7 @@ def test_a_clean_file_exits_with_0(tmp_path, capsys):
 def test_a_finding_says_line_what_why_and_what_to_write(tmp_path, capsys):
     path = tmp_path / "c.yaml"
     path.write_text(changed(DIFF, "cmd_vel_timeout", "500.0"))
-    assert lint(path) == 2
+    assert lint(path) is ExitCode.FOUND
     assert capsys.readouterr().out.splitlines() == [
         f"{path}:16: diff_drive_controller.ros__parameters.cmd_vel_timeout",
         "  what   500 s: milliseconds?",
@@ -262,7 +262,7 @@ def test_on_the_command_line(tmp_path, capsys, model):
     path = tmp_path / "c.yaml"
     path.write_text(CLEAN[DIFF])
     assert main(["lint", str(path), "--urdf", str(model())]) == 0
-    assert main(["lint", str(path), "--urdf", str(model(half=0.3))]) == 2
+    assert main(["lint", str(path), "--urdf", str(model(half=0.3))]) == 6
     assert main(["lint", str(tmp_path / "none.yaml")]) == 2
     assert "cannot be read" in capsys.readouterr().err
 

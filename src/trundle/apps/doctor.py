@@ -27,6 +27,7 @@ Way = Literal["forward", "backward", "left", "right", "counter-clockwise", "cloc
 
 _WIDTH = 96
 _MOST_HIDDEN = 4
+_FEWEST = 4  # windows with motion that say anything
 
 
 class Change(NamedTuple):
@@ -55,6 +56,8 @@ def doctor(
 ) -> ExitCode:
     """Find what is swapped, reversed, frozen, or in the wrong unit, from a short drive.
 
+    The exit code is 0 where nothing is found, 6 where a fault is, and 7 where the log cannot tell.
+
     The wheels are compared with each other, and with a gyro, commands (log.twist) or a reference where the
     log has them; or with what you say that the robot did.
 
@@ -75,19 +78,21 @@ def doctor(
     wheels = read_log(log, described, salvage=salvage)
     for warning in wheels.warnings:
         print(f"trundle: warning: {warning}", file=sys.stderr)
+    if wheels.wheels is None:
+        return _undecided(log, "it holds the robot's own twists and no wheels: there is nothing to look into")
     diagnosis = diagnose(described, wheels, label=label, spoken=spoken_by(log, described))
     if not diagnosis.judged and not diagnosis.findings:
-        raise _nothing_to_say(log, diagnosis)
+        return _undecided(log, _too_little(diagnosis))
 
     heard = ", ".join(("the wheels", *diagnosis.witnesses))
     print(f"{described.name}: {log}: heard {heard}; {plural(diagnosis.windows, 'window')} with motion")
     for finding in diagnosis.findings:
         print(*_told(finding, robot), sep="\n")
     if diagnosis.findings:
-        return ExitCode.USAGE
+        return ExitCode.FOUND
     print(*_without_findings(diagnosis), sep="\n")
     if diagnosis.unexplained:
-        return ExitCode.DATA
+        return ExitCode.UNDECIDED
     return ExitCode.PARTIAL if wheels.losses else ExitCode.FINE
 
 
@@ -169,18 +174,19 @@ def spoken_by(log: Path, robot: Robot) -> LogMapping:
 # --- what is answered ---------------------------------------------------------------------------
 
 
-def _nothing_to_say(log: Path, diagnosis: Diagnosis) -> Exception:
-    from trundle.errors import LogError
+def _undecided(log: Path, words: str) -> ExitCode:
+    print(f"trundle: {log}: cannot tell: {words}", file=sys.stderr)
+    return ExitCode.UNDECIDED
 
-    if diagnosis.windows < 4:
+
+def _too_little(diagnosis: Diagnosis) -> str:
+    if diagnosis.windows < _FEWEST:
         moved = plural(diagnosis.windows, "window")
-        problem = f"it has {moved} of 0.25 s with motion, must have 4 or more: drive a few seconds"
-        return LogError(log, "motion", problem)
-    problem = (
+        return f"it has {moved} of 0.25 s with motion, must have {_FEWEST} or more: drive a few seconds"
+    return (
         "no gyro, commands or reference, and its wheels cannot contradict each other: "
         "name the drive with --drove, e.g. --drove forward"
     )
-    return LogError(log, "witness", problem)
 
 
 def _told(finding: Finding, path: Path) -> Iterator[str]:

@@ -23,6 +23,10 @@ class ExitCode(enum.IntEnum):
     """There is a result, but part of the input was lost."""
     ENVIRONMENT = 5
     """Disk, permission, memory, or a package that is not installed."""
+    FOUND = 6
+    """A check (doctor, lint) found a fault: what it was asked for, and no failure of its own."""
+    UNDECIDED = 7
+    """A check cannot tell: its input is sound, and says too little or contradicts itself."""
     INTERRUPTED = 130
     """Ctrl-C."""
 

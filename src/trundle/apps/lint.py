@@ -50,7 +50,7 @@ def lint(file: Path, /, *, urdf: Path | None = None) -> ExitCode:
         print(f"{file}:{_line(document, one.place)}: {one.place}")
         print(*labelled([("what", one.what), ("why", one.why), ("write", one.write)]), sep="\n")
     print(f"{file}: {plural(len(found), 'finding')}")
-    return ExitCode.USAGE if found else ExitCode.FINE
+    return ExitCode.FOUND if found else ExitCode.FINE
 
 
 def findings(document: YamlDocument, urdf: Path | None = None) -> list[Finding]:
