@@ -193,6 +193,41 @@ def test_nothing_held_out_is_nothing_known(run, estimator, tmp_path):
     assert "--hold-out 1: must be 2 or more groups, or 0" in err
 
 
+def test_doubtful_numbers_are_said_by_the_exit_code(run, estimator):
+    """Also where nobody asked for a file."""
+    estimator(tr.Differential(track_width=0.19, wheel_radius=0.043))
+    words = ("calibrate", *CAMERA, "--robot", ROBOT)
+    assert run(*words)[0] == 3
+    assert run(*words, "--accept")[0] == 0
+
+
+def test_a_drive_is_not_given_twice(run, estimator, tmp_path):
+    copy = tmp_path / "copy.csv"
+    copy.write_bytes(CAMERA[0].read_bytes())
+    for again, words in ((CAMERA[0], "is given twice"), (copy, "is the same drive as")):
+        code, _, err = run("calibrate", *CAMERA, again, "--robot", ROBOT)
+        assert code == 2
+        assert f"{again}: {words}" in err
+
+
+def test_the_tape_measure_of_the_docs_can_be_held_out(run):
+    words = [
+        "--rolled",
+        "roll_1=2m",
+        "--rolled",
+        "roll_2=2m",
+        "--spun",
+        "spin_left=3",
+        "--spun",
+        "spin_right=-3",
+    ]
+    logs = [EXAMPLE / f"{name}.csv" for name in ("roll_1", "roll_2", "spin_left", "spin_right")]
+    options = ["--robot", ROBOT, "--parameters", "wheel_radius,track_width", "--hold-out", "2"]
+    code, out, _ = run("calibrate", *logs, *options, *words)
+    assert code == 0
+    assert "Better: 4 runs that were held out" in out
+
+
 def test_a_single_log_is_judged_by_its_halves(run, estimator):
     code, out, _ = run("calibrate", CAMERA[0], "--robot", ROBOT)
     assert code == 0

@@ -164,3 +164,16 @@ def test_halves_are_the_run():
 )
 def test_groups(labels, most, groups):
     assert list(groups_of(labels, most)) == groups
+
+
+@pytest.mark.parametrize(
+    ("kinds", "groups"),
+    [
+        ("rrsz", [[0, 2], [1, 3]]),
+        ("rrrrss", [[0, 1, 4], [2, 3, 5]]),
+        ("rsz", [[0, 2], [1]]),
+        ("rrr", [[0], [1, 2]]),
+    ],
+)
+def test_every_group_gets_of_every_kind(kinds, groups):
+    assert list(groups_of([str(k) for k in range(len(kinds))], 2, kinds)) == groups

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from trundle.apps.calibration_files import CalibrationFiles
-from trundle.apps.calibration_runs import Drives
+from trundle.apps.calibration_runs import Drives, require_different
 from trundle.apps.exit_code import ExitCode
 from trundle.apps.output_file import files_of
 from trundle.apps.progress import Progress
@@ -114,11 +114,12 @@ def calibrate(
             )
 
         runs = [drives.run(k, described, progress.step, salvage=salvage) for k in range(len(logs))]
+        require_different(runs, logs)
         progress.step(f"calibrating from {plural(len(runs), 'run')}")
         found = calibrated(runs)
         judged = _judged(described, runs, logs, hold_out, calibrated, progress)
-        doubts = _doubts(found, judged, asked=hold_out != 0)
-        trusted = accept or not doubts
+        doubts = _doubts(found, judged)
+        trusted = accept or not (doubts or hold_out == 0)
         progress.step("writing")
         outputs.write(robot, found, judged, trusted=trusted)
 
@@ -127,6 +128,8 @@ def calibrate(
     print(*labelled(outputs.written(trusted=trusted)), sep="\n")
     warnings = [*(warning for run in runs for warning in run.log.warnings), *found.warnings, *doubts]
     warnings += outputs.unsaid(found, trusted=trusted)
+    if hold_out == 0:
+        warnings.append("nothing was held out, so nothing says whether these numbers are better")
     for warning in dict.fromkeys(warnings):
         print(f"trundle: warning: {warning}", file=sys.stderr)
     if refused := outputs.refused(trusted=trusted):
@@ -134,6 +137,7 @@ def calibrate(
             f"trundle: {', '.join(refused)}: not written, these numbers are doubtful; --accept does",
             file=sys.stderr,
         )
+    if refused or (doubts and not accept):
         return ExitCode.DATA
     return ExitCode.PARTIAL if any(run.log.losses for run in runs) else ExitCode.FINE
 
@@ -152,7 +156,7 @@ def _judged(
     progress: Progress,
 ) -> HoldOut | None:
     """What runs that are held out say; None where nobody wants to know."""
-    from trundle.calibrate.hold_out import groups_of, halves, hold_out
+    from trundle.calibrate.hold_out import groups_of, halves, hold_out, kind_of
     from trundle.records import Trajectory
 
     if count == 0:
@@ -163,17 +167,15 @@ def _judged(
     else:
         folders = [str(log.parent) for log in logs]
         labels = folders if len(set(folders)) > 1 and count is None else [str(k) for k in range(len(logs))]
-        groups = list(groups_of(labels, count or _MOST_GROUPS))
+        groups = list(groups_of(labels, count or _MOST_GROUPS, [kind_of(run) for run in runs]))
     return hold_out(robot, runs, groups, calibrated, progress.step)
 
 
-def _doubts(found: Calibration, judged: HoldOut | None, *, asked: bool) -> list[str]:
+def _doubts(found: Calibration, judged: HoldOut | None) -> list[str]:
     """Why a person should look at the numbers before a robot drives by them."""
     doubts = [one.doubt for one in found.estimates if one.doubt]
     if judged is not None and not judged.better:
         doubts += [judged.words, *judged.refused]
-    if not asked:
-        doubts.append("nothing was held out, so nothing says whether these numbers are better")
     return doubts
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from trundle.calibrate.run import Reference, Run
     from trundle.robot import Robot
 
-__all__ = ["Drives"]
+__all__ = ["Drives", "require_different"]
 
 GYRO = "gyro"
 
@@ -104,6 +104,22 @@ class Drives:
         if number in self._closed:
             return Closed()
         return None if self._files[number] == GYRO else read_trajectory(self._files[number])
+
+
+def require_different(runs: Sequence[Run], logs: Sequence[Path]) -> None:
+    """Refuse a drive that is given twice: it would count twice, and judge itself.
+
+    Raises:
+        InputError: If two logs hold the same readings at the same times.
+    """
+    known: dict[tuple[bytes, ...], Path] = {}
+    for run, path in zip(runs, logs, strict=True):
+        columns = (run.log.time_ns, run.log.wheels, run.log.twists)
+        readings = tuple(b"" if column is None else column.tobytes() for column in columns)
+        first = known.setdefault(readings, path)
+        if first is not path:
+            same = "is given twice" if first == path else f"is the same drive as {first}"
+            raise InputError(f"{path}: {same}: it would count twice, and be judged by itself")
 
 
 def _length(word: str) -> float:

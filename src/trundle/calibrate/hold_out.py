@@ -25,7 +25,7 @@ from trundle.odometry.integrate import integrate
 from trundle.records import Trajectory, WheelLog
 from trundle.robot import Robot
 
-__all__ = ["HoldOut", "Trial", "groups_of", "halves", "hold_out"]
+__all__ = ["HoldOut", "Trial", "groups_of", "halves", "hold_out", "kind_of"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -253,10 +253,30 @@ def _part(run: Run, before: bool, middle: int) -> Run:
     return dataclasses.replace(run, log=half, reference=truth, name=f"{word} half of {run.name}")
 
 
-def groups_of(labels: Sequence[str], most: int) -> Iterator[list[int]]:
-    """Numbers of the runs with one label each, joined to at most so many groups."""
-    order = list(dict.fromkeys(labels))
-    count = min(most, len(order))
-    for group in range(count):
-        mine = set(order[group * len(order) // count : (group + 1) * len(order) // count])
-        yield [k for k, label in enumerate(labels) if label in mine]
+def groups_of(labels: Sequence[str], most: int, kinds: Sequence[str] = ()) -> Iterator[list[int]]:
+    """Numbers of the runs with one label each, joined to at most so many groups.
+
+    Args:
+        labels: Of the runs; those of one label stay together.
+        most: Groups.
+        kinds: What sort of run each is: every group gets of every sort, so that the others can do without it.
+    """
+    sorts = dict(zip(labels, kinds or [""] * len(labels), strict=True))
+    count = min(most, len(sorts))
+    groups: list[list[str]] = [[] for _ in range(count)]
+    for sort in dict.fromkeys(sorts.values()):
+        alike = [label for label in sorts if sorts[label] == sort]
+        if len(alike) >= count:
+            for group, members in enumerate(groups):
+                members.extend(alike[group * len(alike) // count : (group + 1) * len(alike) // count])
+        else:
+            for label in alike:
+                min(groups, key=len).append(label)
+    for members in groups:
+        yield [k for k, label in enumerate(labels) if label in members]
+
+
+def kind_of(run: Run) -> str:
+    """What sort of run it is: its reference, and of a turn on the spot its direction."""
+    word = type(run.reference).__name__
+    return f"{word} {run.reference.angle > 0.0}" if isinstance(run.reference, Spun) else word
