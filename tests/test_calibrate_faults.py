@@ -138,6 +138,23 @@ def test_a_sensor_that_stays_unknown_is_told_with_what_would_know_it():
     assert "which would tell reference.x to 0.00" in place.manoeuvre
 
 
+def test_what_only_noise_tells_stays_as_a_prior_says():
+    """Wheels that jitter look like small turns; these say nothing of the track."""
+    noise = tr.Noise(wheel_distance=0.01, lateral_slip=0.002, wheel_radius=0.02, track_width=0.05)
+    runs = driven("differential", (Course.of(straight(6.0, 0.4)),) * 2, noise=noise)
+    with pytest.raises(Unobservable, match="or a prior, from noise: wheel_radius and track_width"):
+        calibrate(described(noise=noise), runs, mounting=False, clock=False)
+    found = calibrate(described(noise=noise), runs, prior=True, mounting=False, clock=False)
+    value, sigma = found_of(found)["wheel_radius.left"]
+    assert abs(value - LEFT) < 4 * sigma < 0.02 * LEFT
+    assert found_of(found)["track_width"] == (0.2, pytest.approx(0.05 * 0.2))
+    assert found.robot.drive.parameters["track_width"] == 0.2
+    assert found.covariance.shape == (len(found.estimates),) * 2
+    (open_,) = (one for one in found.unobserved if one.names == ("track_width",))
+    assert "stays as described" in open_.words
+    assert "turn as well" in open_.manoeuvre
+
+
 # ------------------------------------------------------------ B2: loops that close
 
 

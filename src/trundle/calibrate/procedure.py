@@ -109,6 +109,7 @@ def calibrate(
     found = _unbiased(fit(robot, observed, (), prior=prior))
     if parameters is None:
         asked = _radii_told(robot, observed, candidates, asked, found, prior)
+    asked, held = _held(robot, observed, asked, found) if prior else (asked, ())
     # The first look takes the description's word for the noise, later ones what the fit before has found.
     for _ in range(_LOOKS):
         again, refused = _choose(robot, observed, candidates, asked, found, prior, grow=parameters is None)
@@ -123,7 +124,10 @@ def calibrate(
         for names in refused
         if not known >= set(names)
     ]
-    return _result(robot, observed, chosen, found, stays)
+    for one in held:
+        words, cure = why_open((one.name,), driven)
+        stays.append(Unobserved((one.name,), f"{words}, and stays as described and as sure", cure.words))
+    return _result(robot, observed, chosen, found, stays, held)
 
 
 # --- before ------------------------------------------------------------------------------------
@@ -244,6 +248,20 @@ def _radii_told(
     return (common, *(one for one in asked if not one.name.startswith("wheel_radius.")))
 
 
+def _held(
+    robot: Robot, observed: Sequence[Observed], asked: tuple[Parameter, ...], about: Fit
+) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
+    """What is looked for, and what stays as described: of this a prior knows, and the runs say but noise.
+
+    Such noise would still pull at it: readings that jitter look like small turns.
+    """
+    information = _information(robot, observed, asked, about, prior=True)
+    directions = open_directions(asked, information, _spurious(robot, observed, asked, about))
+    names = {name for direction in directions for name in direction}
+    held = tuple(one for one in asked if one.name in names and 0.0 < one.belief < math.inf)
+    return tuple(one for one in asked if one not in held), held
+
+
 def _spurious(
     robot: Robot, observed: Sequence[Observed], parameters: Sequence[Parameter], about: Fit
 ) -> Floats:
@@ -287,10 +305,11 @@ def _require_observable(
     if directions:
         stays = [_unobserved(robot, observed, chosen, names, about, driven, prior) for names in directions]
         words, cures = (one.words for one in stays), (one.manoeuvre for one in stays)
+        described = "noise: wheel_radius and track_width in its description"
+        otherwise = f"the prior is what {described} say of it" if prior else f"or a prior, from {described}"
         raise Unobservable(
             f"{'; '.join(dict.fromkeys(words))}. What helps: {'; '.join(dict.fromkeys(cures))}. "
-            f"(condition {condition_of(chosen, information):.1e}; or say how far the description can be off, "
-            "noise: wheel_radius and track_width, and use it as a prior)"
+            f"(condition {condition_of(chosen, information):.1e}; {otherwise})"
         )
 
 
@@ -381,16 +400,20 @@ def _result(
     chosen: Sequence[Parameter],
     found: Fit,
     unobserved: Sequence[Unobserved],
+    held: Sequence[Parameter],
 ) -> Calibration:
-    covariance: Any = np.linalg.inv(found.information) if len(chosen) else np.zeros((0, 0))
-    sigmas = np.sqrt(np.diag(covariance))
+    told: Any = np.linalg.inv(found.information) if len(chosen) else np.zeros((0, 0))
+    sigmas = np.sqrt(np.diag(told))
+    covariance = np.diag([*np.zeros(len(chosen)), *(one.belief**2 for one in held)])
+    covariance[: len(chosen), : len(chosen)] = told
     estimates = tuple(
         Estimate(one.name, one.unit, one.nominal, float(value), float(sigma), _doubt(one, float(value)))
         for one, value, sigma in zip(chosen, found.values, sigmas, strict=True)
     )
+    believed = tuple(Estimate(one.name, one.unit, one.nominal, one.nominal, one.belief) for one in held)
     return Calibration(
         robot=robot_with(robot, chosen, found.values.tolist()),
-        estimates=estimates,
+        estimates=(*estimates, *believed),
         covariance=covariance,
         chi2_per_dof=found.promised,
         condition=condition_of(chosen, found.information),
