@@ -757,6 +757,24 @@ def test_a_sound_robot_read_aloud(doctor):
     assert "would not show here  the encoders of left and right are swapped" in out
 
 
+def test_a_misfit_between_sound_and_lost_is_no_contradiction(doctor):
+    log = log_of("differential")
+    off = np.random.default_rng(0).normal(0.0, (0.015, 0.015, 0.0), log.reference.poses.shape)
+    rough = replace(log.reference, poses=log.reference.poses + off, twists=None)
+    code, out, _ = doctor(ROVER, replace(log, reference=rough))
+    assert code == 0
+    assert "no fault found: misfit" in out
+    assert "more than a sound robot's (below 0.6)" in " ".join(out.split())
+    assert "trundle calibrate" in out
+
+
+def test_a_wheel_that_rests_hides_no_frozen_encoder():
+    log = simulate(robot_of("differential"), Course.of(straight(1.0, 0.5), arc(0.1, 3.0, 0.2)))
+    diagnosis = diagnose(robot_of("differential"), log)
+    assert not diagnosis.findings
+    assert Fault.FROZEN not in {cause.fault for cause in diagnosis.hidden}
+
+
 def test_what_cannot_be_told(doctor, monkeypatch):
     log = replace(log_of("differential"), reference=None, yaw_rate=None)
     code, _, err = doctor(ROVER, log)

@@ -27,6 +27,7 @@ Way = Literal["forward", "backward", "left", "right", "counter-clockwise", "cloc
 
 _WIDTH = 96
 _MOST_HIDDEN = 4
+_SOUND = 0.6  # misfit
 _FEWEST = 4  # windows with motion that say anything
 
 
@@ -226,13 +227,21 @@ def _without_findings(diagnosis: Diagnosis) -> Iterator[str]:
     score = digits(diagnosis.score)
     if diagnosis.unexplained:
         words = (
-            f"wheels and witnesses contradict each other (misfit {score}, sound robots: below 0.6), and no "
-            "single fault explains it: two faults at once, slip, a reference that is late, or one "
+            f"wheels and witnesses contradict each other (misfit {score}, sound robots: below {_SOUND}), and "
+            "no single fault explains it: two faults at once, slip, a reference that is late, or one "
             "whose axes or mounting are others (log.reference.mounting)?"
         )
         yield from _hanging("unexplained: ", words)
         return
-    yield f"no fault found: misfit {score} (faults begin at 0.6, and most make it 5 or more)"
+    if diagnosis.score <= _SOUND:
+        yield f"no fault found: misfit {score} (sound robots: below {_SOUND}; most faults make it 5 or more)"
+    else:
+        words = (
+            f"misfit {score} is more than a sound robot's (below {_SOUND}) and less than most faults make it "
+            "(5 or more), and none explains it: inexact numbers (trundle calibrate), a rough floor, slip, or "
+            "a reference that is late?"
+        )
+        yield from _hanging("no fault found: ", words)
     hidden = list(dict.fromkeys(cause.words for cause in diagnosis.hidden))
     for words in hidden[:_MOST_HIDDEN]:
         yield from _hanging("  would not show here  ", words)
