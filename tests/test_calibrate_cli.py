@@ -228,6 +228,16 @@ def test_the_tape_measure_of_the_docs_can_be_held_out(run):
     assert "Better: 4 runs that were held out" in out
 
 
+def test_a_single_run_of_a_tape_measure_is_judged_by_nothing(run):
+    code, _, err = run("calibrate", EXAMPLE / "roll_1.csv", "--robot", ROBOT, "--rolled", "2m")
+    assert code == 3
+    assert "look for less (--parameters wheel_radius)" in err
+    words = ("--rolled", "2m", "--parameters", "wheel_radius")
+    code, _, err = run("calibrate", EXAMPLE / "roll_1.csv", "--robot", ROBOT, *words)
+    assert code == 3
+    assert "there is no run beside roll_1 to judge it by: drive it twice" in err
+
+
 def test_a_single_log_is_judged_by_its_halves(run, estimator):
     code, out, _ = run("calibrate", CAMERA[0], "--robot", ROBOT)
     assert code == 0
@@ -329,7 +339,7 @@ def test_files_that_exist_are_kept(run, estimator, tmp_path):
             [CAMERA[0], "--report", "a.html", "--plot", "a.png", "-o", "a.yaml", "--ros2", "a.yaml"],
             "two outputs",
         ),
-        ([CAMERA[0], "--reference", "gyro"], "nothing is known of where the robot went"),
+        ([CAMERA[0], "--reference", "gyro"], "the log holds no gyro"),
     ],
 )
 def test_what_cannot_be_meant(run, estimator, words, complaint, tmp_path, monkeypatch):

@@ -142,7 +142,7 @@ def test_what_only_noise_tells_stays_as_a_prior_says():
     """Wheels that jitter look like small turns; these say nothing of the track."""
     noise = tr.Noise(wheel_distance=0.01, lateral_slip=0.002, wheel_radius=0.02, track_width=0.05)
     runs = driven("differential", (Course.of(straight(6.0, 0.4)),) * 2, noise=noise)
-    with pytest.raises(Unobservable, match="or a prior, from noise: wheel_radius and track_width"):
+    with pytest.raises(Unobservable, match="or a prior, from noise: wheel_radius, and track_width"):
         calibrate(described(noise=noise), runs, mounting=False, clock=False)
     found = calibrate(described(noise=noise), runs, prior=True, mounting=False, clock=False)
     value, sigma = found_of(found)["wheel_radius.left"]

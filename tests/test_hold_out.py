@@ -115,6 +115,18 @@ def test_each_group_is_judged_by_the_others():
     assert verdict.better
 
 
+def test_what_cannot_be_judged_is_said_once():
+    runs = [Run(driven(straight(1.0, 0.4)), Rolled(1.0), name) for name in "abc"]
+
+    def calibrated(_some):
+        raise Unobservable("too little")
+
+    verdict = hold_out(DESCRIBED, runs, [[0], [1], [2]], calibrated)
+    assert verdict.refused == (
+        "without a or without b or without c the others cannot be calibrated: too little",
+    )
+
+
 @pytest.mark.parametrize(
     ("errors", "better", "words"),
     [

@@ -46,6 +46,20 @@ def test_a_course_that_says_too_little_is_refused(run):
     code, _, err = run("plan", "spin 2", "--robot", ROBOT, "--reference", "tape")
     assert code == 3
     assert "3 are looked for: wheel_radius.left, wheel_radius.right, track_width" in err
+    assert "--parameters track_width" in err
+
+
+def test_jitter_of_wheels_is_no_turn_and_less_may_be_asked_for(run, tmp_path):
+    robot = tmp_path / "robot.yaml"
+    robot.write_text(ROBOT.read_text() + "\nnoise: {wheel_distance: 0.01}\n")
+    words = ("--robot", robot, "--no-mounting", "--no-clock")
+    code, _, err = run("plan", "straight 10", *words)
+    assert code == 3
+    (degrees,) = re.findall(r"hardly turn \((\d+) degrees over 10.0 m\)", err)
+    assert int(degrees) < 40
+    code, out, _ = run("plan", "straight 10", *words, "--parameters", "wheel_radius")
+    assert code == 0
+    assert sigmas(out)["wheel_radius"] > 0.0
 
 
 @pytest.mark.parametrize(
@@ -55,6 +69,7 @@ def test_a_course_that_says_too_little_is_refused(run):
         (["strait 2"], "course: 'strait 2', did you mean 'straight'?"),
         (["arc 2"], "course: 'arc 2', must be arc RADIUS TURNS"),
         (["spin two"], "course: 'spin two': two must be plain numbers"),
+        (["slide 1 1"], "course: 'slide 1 1': a differential drive cannot move so; slide is for drives that"),
         (["spin 0"], "course: 'spin 0': angle: 0, must be > 0"),
         (["straight 2, spin 1", "--reference", "tape"], "a tape measure knows one straight, one spin"),
         (["spin 1", "--position-noise", "2 kg"], "--position-noise"),

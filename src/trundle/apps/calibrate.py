@@ -11,6 +11,7 @@ from cyclopts import Parameter
 
 from trundle.apps.calibration_files import CalibrationFiles
 from trundle.apps.calibration_runs import Drives, require_different
+from trundle.apps.calibration_words import names_in
 from trundle.apps.exit_code import ExitCode
 from trundle.apps.output_file import files_of
 from trundle.apps.progress import Progress
@@ -98,7 +99,7 @@ def calibrate(
     from trundle.calibrate import calibrate as estimate
 
     outputs.try_out(described)
-    wanted = _split(parameters)
+    wanted = names_in(parameters)
 
     with Progress(len(logs) + _MOST_GROUPS + 2) as progress:
 
@@ -142,11 +143,6 @@ def calibrate(
     return ExitCode.PARTIAL if any(run.log.losses for run in runs) else ExitCode.FINE
 
 
-def _split(words: Sequence[str] | None) -> tuple[str, ...] | None:
-    """`a,b` and `a b` alike."""
-    return None if not words else tuple(part for word in words for part in word.split(",") if part)
-
-
 def _judged(
     robot: Robot,
     runs: Sequence[Run],
@@ -156,7 +152,7 @@ def _judged(
     progress: Progress,
 ) -> HoldOut | None:
     """What runs that are held out say; None where nobody wants to know."""
-    from trundle.calibrate.hold_out import groups_of, halves, hold_out, kind_of
+    from trundle.calibrate.hold_out import HoldOut, groups_of, halves, hold_out, kind_of
     from trundle.records import Trajectory
 
     if count == 0:
@@ -168,6 +164,8 @@ def _judged(
         folders = [str(log.parent) for log in logs]
         labels = folders if len(set(folders)) > 1 and count is None else [str(k) for k in range(len(logs))]
         groups = list(groups_of(labels, count or _MOST_GROUPS, [kind_of(run) for run in runs]))
+    if len(groups) == 1:
+        return HoldOut((), (f"there is no run beside {runs[0].name} to judge it by: drive it twice",))
     return hold_out(robot, runs, groups, calibrated, progress.step)
 
 

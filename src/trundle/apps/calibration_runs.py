@@ -82,7 +82,9 @@ class Drives:
         mapping = robot.log if own else msgspec.structs.replace(robot.log, reference=None)
         log = read_log(path, robot, mapping=mapping, salvage=salvage)
         reference = log.reference if own else self._reference(number)
-        if reference is None and (own or log.yaw_rate is None):
+        if self._files.get(number) == GYRO and log.yaw_rate is None:
+            raise InputError(f"{path}: --reference gyro: the log holds no gyro (log.gyro in robot.yaml)")
+        if reference is None and own:
             raise InputError(
                 f"{path}: nothing is known of where the robot went: it needs log.reference in robot.yaml, "
                 "--reference, --rolled, --spun or --closed"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from trundle.apps.wording import digits, plural
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 __all__ = [
     "held_out_rows",
     "is_scaled",
+    "names_in",
     "parameter_rows",
     "quality_lines",
     "shown_unit",
@@ -30,6 +32,11 @@ _SHOWN = {
 
 STRAINED = 1.5
 """Chi-square per degree of freedom from which on the model, not the noise, is the limit."""
+
+
+def names_in(words: Sequence[str] | None) -> tuple[str, ...] | None:
+    """Names of parameters on a command line, `a,b` and `a b` alike; None where there are none."""
+    return None if not words else tuple(part for word in words for part in word.split(",") if part)
 
 
 def shown_unit(unit: str) -> tuple[str, float]:

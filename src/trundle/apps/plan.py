@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from trundle.adapters.quantity import ANGLE, POSITION, read_quantity
+from trundle.apps.calibration_words import names_in
 from trundle.apps.course_words import COURSES, course_of
 from trundle.apps.progress import Progress
 from trundle.apps.wording import aligned, length, plural, seconds, wrapped
@@ -24,6 +25,7 @@ Kind = Literal["poses", "positions", "gyro", "tape"]
 
 RATE = 20.0  # of the drives that are imagined [Hz]
 SEED = 1
+_WHO_CAN = "slide is for drives that move sideways, spin for those that turn on the spot"
 CLOSED = 0.1  # corners are cut a little: how far a closed course may end from its start [m, rad]
 
 
@@ -37,6 +39,7 @@ def plan(
     heading_noise: str = "0.3 deg",
     speed: float = 0.4,
     yaw_rate: float = 1.0,
+    parameters: Annotated[list[str] | None, Parameter(negative="")] = None,
     mounting: bool | None = None,
     clock: Annotated[bool, Parameter(show_default=False)] = True,
 ) -> None:
@@ -52,12 +55,13 @@ def plan(
         heading_noise: And of its headings.
         speed: [m/s].
         yaw_rate: On the spot [rad/s].
+        parameters: What to find (wheel_radius,track_width,...); by default all that the drives would tell.
         mounting: Whether the reference's mounting shall be found too; by default where that can be told.
         clock: Whether its delay shall.
     """
     from trundle.adapters.robot_yaml import load_robot
     from trundle.calibrate import calibrate
-    from trundle.errors import InputError
+    from trundle.errors import Infeasible, InputError
     from trundle.simulate import simulate
 
     if not courses:
@@ -72,10 +76,21 @@ def plan(
         for number, text in enumerate(courses):
             progress.step(f"imagining {text}")
             course = course_of(text, speed=speed, yaw_rate=yaw_rate)
-            log = simulate(described, course, rate=RATE, seed=[SEED, number])
+            try:
+                log = simulate(described, course, rate=RATE, seed=[SEED, number])
+            except Infeasible:
+                kind = described.drive.type_name
+                raise InputError(f"course: {text!r}: a {kind} drive cannot move so; {_WHO_CAN}") from None
             runs.append(_seen(text, log, reference, noise, number))
         progress.step("calibrating")
-        found = calibrate(described, runs, mounting=mounting, clock=clock, progress=progress.detail)
+        found = calibrate(
+            described,
+            runs,
+            parameters=names_in(parameters),
+            mounting=mounting,
+            clock=clock,
+            progress=progress.detail,
+        )
     distance = sum(run.log.reference.distance for run in runs if run.log.reference is not None)
     duration = sum(run.log.duration for run in runs)
     print(f"{described.name}: {plural(len(runs), 'run')}, {length(distance)}, {seconds(duration)}")

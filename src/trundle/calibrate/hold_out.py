@@ -115,7 +115,7 @@ def hold_out(
         progress: Told what is done next.
     """
     trials: list[Trial] = []
-    refused: list[str] = []
+    refused: dict[str, list[str]] = {}  # reasons, and what was held out
     for group in groups:
         names = ", ".join(runs[k].name for k in group)
         progress(f"holding out {names}")
@@ -123,8 +123,12 @@ def hold_out(
             found = calibrated([run for k, run in enumerate(runs) if k not in group])
             trials += [_trial(robot, found, runs[k]) for k in group]
         except TrundleError as error:
-            refused.append(f"without {names} the others cannot be calibrated: {error}")
-    return HoldOut(tuple(trials), tuple(refused))
+            refused.setdefault(str(error), []).append(names)
+    words = (
+        f"without {' or without '.join(names)} the others cannot be calibrated: {reason}"
+        for reason, names in refused.items()
+    )
+    return HoldOut(tuple(trials), tuple(words))
 
 
 def _trial(robot: Robot, found: Calibration, run: Run) -> Trial:

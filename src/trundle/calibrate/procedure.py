@@ -48,6 +48,8 @@ _WEAK = 0.005
 """A radius known no better than this deserves a longer drive (FAULTS.md B2)."""
 _SURE = 1.5
 _HALF = 0.5
+_TURN = 0.2
+"""A heading that changed by less than this may only jitter [rad]."""
 _LOOKS = 3
 _FOR_NOISE, _DRAWS = 12, 3  # runs, and how often their noise is drawn
 _SCATTERED = 8.0
@@ -143,10 +145,10 @@ def _check(robot: Robot, observed: Sequence[Observed]) -> Excitation:
     for run in observed:
         moments = run.readings.moments
         path = predict(robot, run.readings, (), np.zeros(0), moments)
-        turns = np.diff(path.poses[:, 2])
+        turns = _turns(path.poses[:, 2])
         distance += float(path.distance[-1])
-        left += float(turns[turns > 0].sum())
-        right -= float(turns[turns < 0].sum())
+        left += sum(turn for turn in turns if turn > 0.0)
+        right -= sum(turn for turn in turns if turn < 0.0)
         at_fixes = predict(robot, run.readings, (), np.zeros(0), run.fixes.moments)
         if mirrored(at_fixes.poses, run.fixes):
             raise Inconsistent(
@@ -156,6 +158,16 @@ def _check(robot: Robot, observed: Sequence[Observed]) -> Excitation:
     if distance + left + right == 0.0:
         raise TooFewData("the wheels stand still in all runs: nothing can be learnt from them")
     return Excitation(distance, left, right, _measured(observed))
+
+
+def _turns(headings: Floats) -> list[float]:
+    """What was turned, in pieces that no jitter makes [rad]."""
+    turns, last = [], float(headings[0])
+    for heading in headings.tolist():
+        if abs(heading - last) > _TURN:
+            turns.append(heading - last)
+            last = heading
+    return turns
 
 
 def _measured(observed: Sequence[Observed]) -> bool:
@@ -185,7 +197,8 @@ def _require_data(observed: Sequence[Observed], asked: Sequence[Parameter]) -> N
     if known - starts < len(asked):
         raise TooFewData(
             f"{known} numbers are known of where the robot went, {starts} of which only say where it began; "
-            f"{len(asked)} are looked for: {', '.join(one.name for one in asked)}"
+            f"{len(asked)} are looked for: {', '.join(one.name for one in asked)}. What helps: more runs, or "
+            f"to look for less (--parameters {'wheel_radius' if _measured(observed) else asked[-1].name})"
         )
 
 
@@ -305,8 +318,10 @@ def _require_observable(
     if directions:
         stays = [_unobserved(robot, observed, chosen, names, about, driven, prior) for names in directions]
         words, cures = (one.words for one in stays), (one.manoeuvre for one in stays)
-        described = "noise: wheel_radius and track_width in its description"
-        otherwise = f"the prior is what {described} say of it" if prior else f"or a prior, from {described}"
+        described = "noise: wheel_radius, and track_width for any distance between wheels"
+        otherwise = (
+            f"the prior is what it says of itself, {described}" if prior else f"or a prior, from {described}"
+        )
         raise Unobservable(
             f"{'; '.join(dict.fromkeys(words))}. What helps: {'; '.join(dict.fromkeys(cures))}. "
             f"(condition {condition_of(chosen, information):.1e}; {otherwise})"
