@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import importlib.util
 import re
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,10 @@ import trundle as tr
 import trundle.calibrate
 from trundle.adapters.robot_yaml import load_robot
 from trundle.adapters.ros2_controllers import robot_from_controllers
+from trundle.apps.calibration_runs import Drives
 from trundle.apps.cli import main
 from trundle.calibrate import Calibration, Estimate, RunFit, Unobserved
+from trundle.errors import InputError
 from trundle.evaluate import compare, transform
 from trundle.geometry import se2
 
@@ -236,6 +239,29 @@ def test_a_single_run_of_a_tape_measure_is_judged_by_nothing(run):
     code, _, err = run("calibrate", EXAMPLE / "roll_1.csv", "--robot", ROBOT, *words)
     assert code == 3
     assert "there is no run beside roll_1 to judge it by: drive it twice" in err
+
+
+def test_the_page_s_python_runs_on_the_example(tmp_path, monkeypatch):
+    page = (Path(__file__).resolve().parents[1] / "docs" / "calibrate.md").read_text(encoding="utf-8")
+    code = textwrap.dedent(page.split("## From Python")[1])
+    for source, name in (
+        ("robot.yaml", "robot.yaml"),
+        ("drive_1.csv", "drive.csv"),
+        ("roll_1.csv", "roll.csv"),
+    ):
+        (tmp_path / name).write_bytes((EXAMPLE / source).read_bytes())
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec(code, names)
+    track = next(one for one in names["found"].estimates if one.name == "track_width")
+    assert track.value == pytest.approx(TRUTH.TRUE_DRIVE.parameters["track_width"], abs=4 * track.sigma)
+
+
+def test_a_plain_gyro_is_each_log_s_own():
+    drives = Drives([Path("a.csv"), Path("b.csv")], reference=["gyro"])
+    assert drives.files == []
+    with pytest.raises(InputError, match="of which of the 2 logs"):
+        Drives([Path("a.csv"), Path("b.csv")], reference=["truth.tum"])
 
 
 def test_a_single_log_is_judged_by_its_halves(run, estimator):

@@ -8,8 +8,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import msgspec
-
 from trundle.adapters.quantity import POSITION, read_number, read_quantity
 from trundle.apps.rejection import left_out
 from trundle.apps.run_labels import labels
@@ -48,6 +46,8 @@ class Drives:
         closed: Sequence[str] | None = None,
     ) -> None:
         self._logs = logs
+        if list(reference or ()) == [GYRO]:  # each log has its own
+            reference = [f"all={GYRO}"]
         self._files = labels("--reference", reference or (), logs, in_order=True)
         distances = labels("--rolled", rolled or (), logs, in_order=True)
         turns = labels("--spun", spun or (), logs, in_order=True)
@@ -79,7 +79,7 @@ class Drives:
         doing(f"reading {path.name}")
         own = number not in {*self._files, *self._rolled, *self._spun, *self._closed}
         # What stands in for the log's own reference need not be in the log.
-        mapping = robot.log if own else msgspec.structs.replace(robot.log, reference=None)
+        mapping = robot.log if own else robot.log.without_reference()
         log = read_log(path, robot, mapping=mapping, salvage=salvage)
         reference = log.reference if own else self._reference(number)
         if self._files.get(number) == GYRO and log.yaw_rate is None:

@@ -285,3 +285,7 @@ class LogMapping(_Section, frozen=True):
     def __post_init__(self) -> None:
         if self.gyro is not None and self.gyro.wraps:
             raise ConfigError("gyro.wraps", "a yaw rate does not wrap")
+
+    def without_reference(self) -> LogMapping:
+        """Of logs that do not say where the robot really went."""
+        return msgspec.structs.replace(self, reference=None)
