@@ -652,6 +652,34 @@ def test_progress_bar_is_gone_in_the_end(monkeypatch, capsys):
     assert not bar._bar.live.is_started
 
 
+LOADING = """
+import sys
+
+class Interrupted:
+    def find_spec(self, name, *_):
+        if name == "cyclopts":
+            raise KeyboardInterrupt
+
+sys.meta_path.insert(0, Interrupted())
+from trundle.__main__ import main
+sys.exit(main())
+"""
+
+
+def test_an_interrupt_while_loading_gives_no_traceback():
+    ended = subprocess.run([sys.executable, "-c", LOADING], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (130, "trundle: interrupted\n")
+
+
+def test_help_that_nobody_reads_is_fine():
+    reader, writer = os.pipe()
+    os.close(reader)
+    words = [sys.executable, "-m", "trundle", "calibrate", "--help"]
+    ended = subprocess.run(words, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writer)
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
 # --- faults -------------------------------------------------------------------------------------
 
 # Stops the program by a signal when half of the new file is written.

@@ -63,6 +63,10 @@ def main(tokens: Sequence[str] | None = None) -> int:
         except BrokenPipeError:
             _close_stdout()  # whoever read it has seen enough
             return ExitCode.FINE
+        except SystemExit as ended:
+            if ended.code != 1:
+                raise
+            return ExitCode.FINE  # rich, whose help nobody reads any more
         except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - the one place where errors end
             return _report(error, debug=debug)
     return int(code or ExitCode.FINE)
