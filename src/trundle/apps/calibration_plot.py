@@ -225,13 +225,14 @@ def _draw_estimates(figure: Any, estimates: Sequence[Estimate]) -> None:
         axis.grid(visible=False, axis="y")
         if group is scaled:
             shown = [(100 * (e.value / e.nominal - 1.0), 100 * e.sigma / abs(e.nominal)) for e in group]
-            axis.set_xlabel("change from the description [%]")
+            axis.set_xlabel("change [%], bars: 2 sigma")
         else:
             shown = [
                 ((e.value - e.nominal) / shown_unit(e.unit)[1], e.sigma / shown_unit(e.unit)[1])
                 for e in group
             ]
-            axis.set_xlabel(f"change [{', '.join(dict.fromkeys(shown_unit(e.unit)[0] for e in group))}]")
+            units = ", ".join(dict.fromkeys(shown_unit(e.unit)[0] for e in group))
+            axis.set_xlabel(f"change [{units}], bars: 2 sigma")
         places = np.arange(len(group))[::-1]
         axis.axvline(0.0, color=GREY, linewidth=1.0)
         axis.hlines(places, 0.0, [value for value, _ in shown], color=LINE, linewidth=6, zorder=2)
