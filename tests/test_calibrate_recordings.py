@@ -135,7 +135,8 @@ def test_tricycle_runs_are_explained_better(run, shared_data, tmp_path):
 def test_lego_robot_explains_its_second_half_by_its_first(run, shared_data):
     """The short sibling of all of these."""
     log = there(shared_data / "lego" / "robot4_motors.txt")
-    code, out, _ = run("calibrate", log, "--robot", DESCRIPTIONS / "lego.yaml")
+    # Its track is 22 % wider than described, which wants a word of ours.
+    code, out, _ = run("calibrate", log, "--robot", DESCRIPTIONS / "lego.yaml", "--accept")
     before, after = held_out(out)["second half of robot4_motors"]
     assert before == pytest.approx(0.216, abs=0.005)
     assert after < 0.025
