@@ -977,9 +977,7 @@ class WheelOdometry:
             return None
         if not isfinite(yaw_rate):
             return math.nan
-        if (
-            then is None
-        ):  # it was silent when this step began: a drive that needs it begins with what it says now
+        if then is None:  # silent when this step began: a drive that needs it takes what it says now
             if not self._needs_gyro:
                 return None
             then = yaw_rate
