@@ -48,25 +48,23 @@ class Surprise:
             seconds: Duration of the step.
             seconds_before: Duration of the step before.
         """
-        (x, y, turn), slack = self._off(step, before, seconds, seconds_before)
-        way = self._lever * turn
-        return (x, y, turn), x * x + y * y + way * way > slack * slack
+        off, excess = self._off(step, before, seconds, seconds_before)
+        return off, excess > 0.0
 
     def _off(
         self, step: Vector, before: Vector, seconds: Number, seconds_before: Number
     ) -> tuple[Vector, Number]:
-        """How far a step is from the one before carried on, and how far it may be [m]."""
+        """How far a step is from the one before carried on, and by how much too far, in squares [m^2]."""
         ratio = seconds / seconds_before
         x, y, turn = (now - ratio * then for now, then in zip(step, before, strict=True))
         # Under a constant acceleration a the two differ by a h1 (h0 + h1) / 2; readings by a tick each.
         slack = 0.5 * self._acceleration * seconds * (seconds_before + seconds) + (1.0 + ratio) * self._tick
-        return (x, y, turn), slack
+        way = self._lever * turn
+        return (x, y, turn), x * x + y * y + way * way - slack * slack
 
     def near(self, step: Vector, before: Vector, seconds: Number, seconds_before: Number) -> Number:
         """Whether a step is what an earlier one, carried on, can become; False where there is none (NaN)."""
-        (x, y, turn), slack = self._off(step, before, seconds, seconds_before)
-        way = self._lever * turn
-        return x * x + y * y + way * way <= slack * slack
+        return self._off(step, before, seconds, seconds_before)[1] <= 0.0
 
     def taken_back(self, step: Vector, past: Sequence[Vector]) -> Number:
         """Whether this step and the last one together are what the one before, carried on, can become.
